@@ -15,6 +15,7 @@ from imapper_prob.clips.takes import same_room
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.lifting import lift_clip
 from imapper_prob.memory import require_feasible
+from imapper_prob.models.problem import labels_of
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.statement_rows import check_statements, tell
@@ -235,7 +236,8 @@ def sample(
     clip = _one(clip)
     known = load_library() if library is None else library
     require_feasible(clip, known, _most(config.sample) if limits.any else config.sample)
-    check_statements(given, clip, known)
+    labels = labels_of(known)
+    check_statements(given, clip, labels)
     begun = time.perf_counter()
     with interruptible(), shown(progress) as report:
         if start is None:
@@ -249,7 +251,7 @@ def sample(
         source = solutions[0] if len(solutions) == 1 else join_actors(solutions)
         bare = source.problem
         if given:
-            source = with_statements(source, tell(bare, given, clip, known))
+            source = with_statements(source, tell(bare, given, clip, labels))
         ready = time.perf_counter()
         samples = sample_scenes(
             source,
@@ -265,7 +267,7 @@ def sample(
         )
     told = None
     if given:
-        told = Told(tuple(given), denied=denied(bare, samples.states, given, clip, known))
+        told = Told(tuple(given), denied=denied(bare, samples.states, given, clip, labels))
     seconds = {"solving": ready - begun, "sampling": time.perf_counter() - ready}
     end = samples.end(config.sample)
     if limits.any or (samples.finished and end > end_of(config.sample)):

@@ -18,11 +18,10 @@ from scipy.optimize import linear_sum_assignment
 
 from imapper_prob.models.log_posterior import State, log_posterior_near
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.scene import FRONTLESS, Placement, SceneObject
+from imapper_prob.models.scene import FRONTLESS, SEATS, Placement, SceneObject
 from imapper_prob.models.scenelet import Library
 
 __all__ = [
-    "SEATS",
     "Layouts",
     "furniture_kinds",
     "group_layouts",
@@ -68,8 +67,6 @@ def furniture_kinds(problem: Problem) -> tuple[tuple[int, ...], ...]:
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-SEATS: Final = frozenset({"armchair", "bench", "chair", "couch", "sofa", "stool"})
-"""Labels of seats, which motion hardly distinguishes."""
 _SHARED: Final = 0.5
 """Fraction of the smaller footprint that two objects must share to count as one in any orientation.
 With less overlap, they are two objects that stand too close together."""

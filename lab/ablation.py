@@ -42,7 +42,7 @@ from imapper_prob.evaluate.tables import object_rows, pose_rows, screen_table
 from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.models.kernels.visibility import visibility_probability
 from imapper_prob.models.path_prior import StaticPath
-from imapper_prob.models.problem import Problem
+from imapper_prob.models.problem import Problem, labels_of
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.settings import (
     NOTHING_IN_SIGHT,
@@ -113,7 +113,12 @@ def scores(folder: Path) -> dict[str, Score]:
     for name, variant in variants(fitted.problem).items():
         best = combine(variant, screen(variant, fitted.fits), curve).states[0]
         source = StoredSource(
-            known.clip, library, variant, best_fits(variant, fitted.fits), library.digest
+            known.clip,
+            library,
+            variant,
+            best_fits(variant, fitted.fits),
+            library.digest,
+            tuple(labels_of(library)),
         )
         result[name] = score(prediction_of_state(source, best, name=name), known.truth)
     settings = Settings(model=ModelSettings(energy="paper"))
@@ -126,6 +131,7 @@ def scores(folder: Path) -> dict[str, Score]:
             variant,
             method_of(variant).best_fits(variant, fitted.fits),
             library.digest,
+            tuple(labels_of(library)),
         )
         result[name] = score(prediction_of_state(source, best, name=name), known.truth)
     return result

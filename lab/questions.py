@@ -34,6 +34,7 @@ from imapper_prob.api import sample
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.evaluate.tables import markdown_table
 from imapper_prob.files import written_whole
+from imapper_prob.models.problem import labels_of
 from imapper_prob.models.scene import Clip, Truth
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.statement_rows import tell
@@ -132,7 +133,7 @@ def settled(seed: int, config: Config) -> list[Settled]:
         if answer is None:
             continue
         said = question.answered(answer)
-        told = tell(posterior.solution.problem, [said], clip, library)
+        told = tell(posterior.solution.problem, [said], clip, labels_of(library))
         after = entropy_after(layouts, statement_values(told, states))
         found.append(Settled(question.text, question.bits, question.error, before - after))
     return found

@@ -25,8 +25,7 @@ import imapper_prob as im
 from imapper_prob.clips.load import window
 from imapper_prob.clips.takes import same_room
 from imapper_prob.config import SampleSettings
-from imapper_prob.layouts import SEATS
-from imapper_prob.models.scene import Clip, SceneObject
+from imapper_prob.models.scene import SEATS, Clip, SceneObject
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.simulate.clips import simulate_clip
 from lab.kept import sampled

@@ -36,9 +36,8 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.evaluate.prediction import prediction_of_scene
 from imapper_prob.evaluate.score import known_scene, scenes_with_truth, score, summarise
 from imapper_prob.evaluate.truth import TruthInView
-from imapper_prob.layouts import SEATS
 from imapper_prob.models.problem import labels_of
-from imapper_prob.models.scene import Clip, SceneObject, Truth
+from imapper_prob.models.scene import SEATS, Clip, SceneObject, Truth
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import PELV, SCORED
 from imapper_prob.models.statements import Statement

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
 from imapper_prob.models.kernels.detection import flip_probabilities
+from imapper_prob.models.kernels.given import weigh_labels
 from imapper_prob.models.kernels.incremental import NOWHERE, change, commit, read_proposed
 from imapper_prob.models.problem import CAMERA, TERMS, Problem
 from imapper_prob.models.published_energy import PAPER_TERMS, evaluate_paper
@@ -34,6 +35,7 @@ __all__ = [
     "empty_state",
     "evaluate",
     "frame_log_likelihood",
+    "label_probabilities",
     "log_posterior",
     "log_posterior_near",
     "motion",
@@ -386,6 +388,34 @@ def terms(problem: Problem, state: State) -> dict[str, float]:
     """
     target = _target_of(problem)
     return dict(zip(target.names, target.evaluate(problem, state).tolist(), strict=True))
+
+
+def label_probabilities(problem: Problem, state: State) -> tuple[Array, NDArray[np.int64], Array]:
+    """Probabilities of the true labels of a state's objects, given all statements.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+        Inside the support.
+
+    Returns
+    -------
+    centres : (k, 3) float
+        Centres of the bounding boxes of the state's objects, metres. Objects of one label that are
+        one object are listed once, as in the likelihood of statements.
+    labels : (k,) int
+        Their categories in the scenelets.
+    probabilities : (k, C) float
+        By true category; the rows sum to 1. The labels of the other objects are summed out.
+    """
+    evaluator: Evaluator = open_evaluator(problem._replace(likelihood=0.0), state.n_scenelets)
+    change_from(evaluator, NOWHERE, state, state)
+    pieces, labels, values = weigh_labels(evaluator, state.n_scenelets, state.camera.copy())
+    shares = problem.label_kinds[labels]
+    values = np.where(shares > 0, values, -np.inf)
+    weights = shares * np.exp(values - values.max(1, keepdims=True))
+    return pieces[:, :3], labels, weights / weights.sum(1, keepdims=True)
 
 
 def side_flips(problem: Problem, state: State) -> Array:

@@ -14,7 +14,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.kernels.stays import off_feet
 from imapper_prob.models.path_prior import CameraPrior, StaticPath, path_tables, remembered
-from imapper_prob.models.scene import FRONTLESS, Clip, Track
+from imapper_prob.models.scene import FRONTLESS, SEATS, Clip, Track
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import ModelSettings, PaperWeights
 from imapper_prob.models.skeleton import DETECTED, MIRROR, N_JOINTS, facing
@@ -38,6 +38,7 @@ __all__ = [
     "SUPPORT",
     "TERMS",
     "Problem",
+    "label_kinds",
     "labels_of",
     "pack_problem",
     "resample",
@@ -124,6 +125,9 @@ class Problem(NamedTuple):
         Orientation of that object, radians.
     label_front : (C,) bool
         Whether front and back of the category can be told apart.
+    label_kinds : (C, C) float
+        Probability of the true category (column) of an object whose scenelet gives it a category
+        (row), see :func:`label_kinds`.
     stays : (K, 3) float
         First frame, frame after the last, and evidence in nats from the pose for being supported.
     lowered : (L, 2) int
@@ -163,7 +167,8 @@ class Problem(NamedTuple):
     given : (G, 16) float
         Numbers of each statement, see :mod:`imapper_prob.models.kernels.given`.
     given_labels : (Q, C) float
-        Which categories a statement refers to.
+        Which true categories a statement refers to, or the probability of a detected label given
+        each.
     given_rows : (R, 4) float
         Rows of lists: corners (m), frames with depths (m), or boxes in the image (px).
     given_power : (G,) float
@@ -201,6 +206,7 @@ class Problem(NamedTuple):
     box_label: Ints
     box_yaw: Array
     label_front: NDArray[np.bool_]
+    label_kinds: Array
     stays: Array
     lowered: Ints
     log_rate: Array
@@ -363,6 +369,36 @@ def labels_of(library: Library) -> list[str]:
     return sorted({label for s in library for label in s.labels})
 
 
+def label_kinds(library: Library, confusion: float) -> Array:
+    """Probability of an object's true label given the label that it has in its scenelet.
+
+    Motion hardly distinguishes kinds of seats. A seat keeps the label of its scenelet with
+    probability 1 - confusion, and otherwise has each label with that label's share among the
+    library's seats. Other objects keep theirs.
+
+    Parameters
+    ----------
+    library : Library
+    confusion : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    (C, C) float
+        Rows are labels of scenelets, columns true labels, in the order of :func:`labels_of`; rows
+        sum to 1.
+    """
+    labels = labels_of(library)
+    weights, kinds = np.zeros(len(labels)), np.eye(len(labels))
+    for scenelet in library:
+        for label in SEATS.intersection(scenelet.labels):
+            weights[labels.index(label)] += scenelet.weight
+    seats = weights > 0
+    if seats.any():
+        kinds[seats] = (1.0 - confusion) * kinds[seats] + confusion * weights / weights.sum()
+    return kinds
+
+
 def _seen(
     clip: Clip, person: Track, path: StaticPath, detections: DetectionModel
 ) -> dict[str, Any]:
@@ -451,6 +487,7 @@ def _library_arrays(
         "box_label": np.array([labels.index(o.label) for _, o in object_of], dtype=np.int64),
         "box_yaw": np.array([o.placement.yaw for _, o in object_of], dtype=np.float64),
         "label_front": np.array([label not in FRONTLESS for label in labels], dtype=np.bool_),
+        "label_kinds": label_kinds(library, settings.seat_confusion),
         "lowered": np.array(lowered, dtype=np.int64),
         "log_rate": np.log(settings.scenelet_rate * shares / shares.sum()),
     }

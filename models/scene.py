@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = [
-    "FRONTLESS", "MEASURED_FOCAL", "Clip", "Cuboid", "Placement", "Scene", "SceneObject", "Track",
-    "Truth", "read_only",
+    "FRONTLESS", "MEASURED_FOCAL", "SEATS", "Clip", "Cuboid", "Placement", "Scene", "SceneObject",
+    "Track", "Truth", "read_only",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -59,6 +59,8 @@ FRONTLESS: Final = frozenset({"desk", "table"})
 """Categories without a distinguishable front: rotated by half a turn they look the same. A stool
 has no front either, but its scenelets align it with the person, who turns on it less than is
 possible."""
+SEATS: Final = frozenset({"armchair", "bench", "chair", "couch", "sofa", "stool"})
+"""Labels of seats, which motion hardly distinguishes."""
 
 
 _LARGEST_BODY: Final = 10.0

@@ -198,6 +198,9 @@ class ModelSettings:
     furniture_ahead : float
         Metres; the same to front and back, and the distance furniture may move out of a person's
         path.
+    seat_confusion : float
+        Probability that the label of a seat is independent of the scenelet: it then has the shares
+        of the library's seats. Motion hardly distinguishes kinds of seats.
     collision_cost : float
         Nats per metre of horizontal overlap of two objects.
     motion_cost : float
@@ -249,6 +252,7 @@ class ModelSettings:
     smoothness_cost: float = from_data("frames.correlation_time", _share)
     furniture_aside: float = from_data("furniture.aside")
     furniture_ahead: float = from_data("furniture.ahead")
+    seat_confusion: float = from_data("seats.confusion")
     collision_cost: float = 100.0
     motion_cost: float = 50.0
     merge_angle: float = 0.6
@@ -288,6 +292,10 @@ class ModelSettings:
         if not 0 < self.visibility_error < 0.5:
             raise InputError(
                 f"model setting visibility_error = {self.visibility_error} must be in (0, 0.5)"
+            )
+        if not 0 <= self.seat_confusion <= 1:
+            raise InputError(
+                f"model setting seat_confusion = {self.seat_confusion} must be between 0 and 1"
             )
 
 

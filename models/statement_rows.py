@@ -34,10 +34,8 @@ from imapper_prob.models.problem import (
     GIVEN_NUMBERS,
     GIVEN_ROW,
     Problem,
-    labels_of,
 )
 from imapper_prob.models.scene import Clip
-from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import JOINTS, PELV
 from imapper_prob.models.statements import (
@@ -73,14 +71,15 @@ _FAR_APART: Final = 6.0
 # Checks against clip and library, and of statements against each other.
 
 
-def check_statements(statements: Sequence[Statement], clip: Clip, library: Library) -> None:
+def check_statements(statements: Sequence[Statement], clip: Clip, labels: Sequence[str]) -> None:
     """Refuse statements that no scene of the clip and library can fulfil, before sampling.
 
     Parameters
     ----------
     statements : sequence of Statement
     clip : Clip
-    library : Library
+    labels : sequence of str
+        Furniture labels of the library.
 
     Raises
     ------
@@ -88,12 +87,11 @@ def check_statements(statements: Sequence[Statement], clip: Clip, library: Libra
         A label is not in the library, a frame not in the clip, a box not in the image, a position
         is behind the camera, or two statements contradict each other.
     """
-    known = set(labels_of(library))
     for statement in statements:
-        for label in sorted(_labels_said(statement) - known):
+        for label in sorted(_labels_said(statement).difference(labels)):
             raise InputError(
-                f"{describe(statement)}: library {library.name} has no {label!r}; it has "
-                f"{', '.join(sorted(known))}"
+                f"{describe(statement)}: the library has no {label!r}; it has "
+                f"{', '.join(sorted(labels))}"
             )
         for frame in _frames_said(statement):
             if frame not in clip.frame_ids:
@@ -214,7 +212,7 @@ def _deep_in(region: Points, place: tuple[float, float], by: float) -> bool:
 
 
 def tell(
-    problem: Problem, statements: Sequence[Statement], clip: Clip, library: Library
+    problem: Problem, statements: Sequence[Statement], clip: Clip, labels: Sequence[str]
 ) -> Problem:
     """Add statements to a problem as a term of its log-posterior, replacing earlier ones.
 
@@ -224,8 +222,9 @@ def tell(
         Problem of all people of the clip, one after the other.
     statements : sequence of Statement
     clip : Clip
-    library : Library
-        The whole library, or exactly the scenelets of the problem.
+    labels : sequence of C str
+        Furniture labels of the whole library, by category number
+        (:func:`imapper_prob.models.problem.labels_of`).
 
     Returns
     -------
@@ -236,40 +235,29 @@ def tell(
     InputError
         See :func:`check_statements`.
     """
-    check_statements(statements, clip, library)
-    names = _names(problem, library)
+    check_statements(statements, clip, labels)
     kinds = np.zeros((len(statements), GIVEN_KINDS), np.int64)
     numbers = np.zeros((len(statements), GIVEN_NUMBERS))
-    labels: list[Array] = []
+    said: list[Array] = []
     rows: list[tuple[float, ...]] = []
     for kind, number, statement in zip(kinds, numbers, statements, strict=True):
         found = _packed(statement, clip)
         mine = found.labels or [dict.fromkeys(_labels_said(statement), 1.0)]
         kind[:] = (
-            found.kind, len(labels), len(rows), len(rows) + len(found.rows), found.joint,
+            found.kind, len(said), len(rows), len(rows) + len(found.rows), found.joint,
             found.first, found.end,
         )  # fmt: skip
         number[: len(found.numbers)] = found.numbers
         if not isinstance(statement, Seen) or statement.boxes:
-            labels += [np.array([row.get(name, 0.0) for name in names]) for row in mine]
+            said += [np.array([row.get(label, 0.0) for label in labels]) for row in mine]
         rows += [(*row, *[0.0] * (GIVEN_ROW - len(row))) for row in found.rows]
     return problem._replace(
         given_kinds=kinds,
         given=numbers,
-        given_labels=np.array(labels).reshape(-1, len(names)),
+        given_labels=np.array(said).reshape(-1, len(labels)),
         given_rows=np.array(rows, dtype=np.float64).reshape(-1, GIVEN_ROW),
         given_power=np.ones(len(statements)),
     )
-
-
-def _names(problem: Problem, library: Library) -> list[str]:
-    """Labels by their category number in a problem; empty for categories of no scenelet."""
-    names = labels_of(library)
-    if len(names) < len(problem.label_front):
-        known = [o.label for s in library for o in s.objects for _ in o.cuboids]
-        named = dict(zip(problem.box_label.tolist(), known, strict=True))
-        names = [named.get(number, "") for number in range(len(problem.label_front))]
-    return names
 
 
 @dataclass(frozen=True)

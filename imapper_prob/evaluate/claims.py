@@ -5,7 +5,7 @@ Truth and predictions are compared in camera axes, because draws have cameras of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -88,15 +88,20 @@ class Claim:
     ----------
     probability : float
         Probability that the object exists.
-    label : str
-        Its most probable label.
+    labels : mapping of str to float
+        Probability of each label, in descending order.
     members : tuple of Outline
         The object in each draw that has it.
     """
 
     probability: float
-    label: str
+    labels: Mapping[str, float]
     members: tuple[Outline, ...]
+
+    @property
+    def label(self) -> str:
+        """The most probable label."""
+        return next(iter(self.labels))
 
     @property
     def centres(self) -> Array:
@@ -105,7 +110,7 @@ class Claim:
 
     @cached_property
     def representative(self) -> Outline:
-        """The member with the cluster's label that is nearest to the mean, moved to the mean.
+        """The member nearest to the mean, moved there, among those with the cluster's label if any.
 
         The mean is over bearing and log distance, because uncertainty is relative and along the
         ray.
@@ -113,8 +118,8 @@ class Claim:
         away = np.linalg.norm(self.centres, axis=1)
         bearing = np.arctan2(self.centres[:, 0], self.centres[:, 1]).mean()
         middle = np.exp(np.log(away).mean()) * np.array([np.sin(bearing), np.cos(bearing)])
-        alike = [m for m in self.members if m.label == self.label]
-        best = min(alike, key=lambda m: float(np.linalg.norm(m.centre - middle)))
+        off = np.linalg.norm(self.centres - middle, axis=1)
+        best = self.members[np.lexsort((off, [m.label != self.label for m in self.members]))[0]]
         x, y = middle - best.centre
         moved = translate(best.hull, float(x), float(y))
         corners = best.corners + np.array([x, y, 0.0])
@@ -139,7 +144,7 @@ def claims_of(posterior: Posterior) -> tuple[Claim, ...]:
     return tuple(
         Claim(
             cluster.presence,
-            cluster.label,
+            cluster.labels,
             tuple(outline_of(posterior.furniture[n][k], cameras[n]) for n, k in cluster.members),
         )
         for cluster in posterior.clusters(least=_LEAST)

@@ -207,10 +207,9 @@ def label_scores(claims: Sequence[Claim], truth: TruthInView) -> LabelScores:
     right, stated, of_true = 0, [], []
     for claim, pair in claimed_pairs(claims, truth):
         if pair.near:
-            counted = Counter(member.label for member in claim.members)
             right += claim.label == pair.truth.label
-            stated.append(counted[claim.label] / len(claim.members))
-            of_true.append(counted[pair.truth.label] / len(claim.members))
+            stated.append(claim.labels[claim.label])
+            of_true.append(claim.labels.get(pair.truth.label, 0.0))
     logarithmic = -np.log(np.maximum(of_true, _RAREST)).mean() if of_true else np.nan
     return LabelScores(len(stated), right, float(sum(stated)), float(logarithmic))
 

@@ -12,6 +12,7 @@ import numpy as np
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import State
+from imapper_prob.models.problem import labels_of
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.statement_rows import check_statements, tell
 from imapper_prob.models.statements import Statement
@@ -79,18 +80,19 @@ def conditioned(
     known = _full_library(posterior, library)
     earlier = () if posterior.told is None else posterior.told.statements
     everything = (*earlier, *statements)
-    check_statements(everything, clip, known)
-    values = statement_values(tell(source.problem, statements, clip, known), samples.states)
+    labels = labels_of(known)
+    check_statements(everything, clip, labels)
+    values = statement_values(tell(source.problem, statements, clip, labels), samples.states)
     found = reweigh(values.reshape(samples.shape))
     seed = np.random.SeedSequence(posterior.config.seed, spawn_key=(len(everything),))
-    if denied(source.problem, samples.states, statements, clip, known):
+    if denied(source.problem, samples.states, statements, clip, labels):
         # No draw agrees with a statement, so all weights are those of chance, and tell nothing.
         found = replace(found, effective=0.0)
     if found.good:
         chosen = reweighted(
             samples, found, values, posterior.config.sample, np.random.default_rng(seed)
         )
-        told = replace(source, problem=tell(source.problem, everything, clip, known))  # type: ignore[type-var]
+        told = replace(source, problem=tell(source.problem, everything, clip, labels))  # type: ignore[type-var]
         evidence = Evidence(
             found.log_ratio, found.error, found.effective, len(samples.states), "reweighted"
         )
@@ -101,14 +103,14 @@ def conditioned(
     solved = _solved(posterior, known, progress)
     if isinstance(source, StoredSource):
         samples = replace(samples, states=_renumbered(samples.states, source.library, known))
-    problem = tell(solved.problem, everything, clip, known)
+    problem = tell(solved.problem, everything, clip, labels)
     settings = _shorter(posterior.config.sample, steps)
     fresh = np.r_[np.zeros(len(earlier)), np.ones(len(statements))]
     drawn, evidence = continued(
         solved, samples, problem, fresh, found, settings,
         seed=seed, workers=workers, progress=progress,
     )  # fmt: skip
-    nowhere = denied(solved.problem, drawn.states, statements, clip, known)
+    nowhere = denied(solved.problem, drawn.states, statements, clip, labels)
     return Posterior(
         with_statements(solved, problem),
         drawn,

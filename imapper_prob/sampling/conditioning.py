@@ -23,7 +23,6 @@ from imapper_prob.layouts import group_layouts, through_one_lens
 from imapper_prob.models.log_posterior import State, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
-from imapper_prob.models.scenelet import Library
 from imapper_prob.models.statement_rows import log_by_chance, tell
 from imapper_prob.models.statements import Statement, describe
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities
@@ -154,7 +153,7 @@ def denied(
     states: Sequence[State],
     statements: Sequence[Statement],
     clip: Clip,
-    library: Library,
+    labels: Sequence[str],
 ) -> tuple[str, ...]:
     """Statements that are true in no state, in a few words each, with their log density.
 
@@ -164,7 +163,8 @@ def denied(
     states : sequence of State
     statements : sequence of Statement
     clip : Clip
-    library : Library
+    labels : sequence of C str
+        Furniture labels of the whole library, by category number.
 
     Returns
     -------
@@ -176,7 +176,7 @@ def denied(
         chance = log_by_chance(statement, clip)
         if chance is None:
             continue
-        values = statement_values(tell(problem, [statement], clip, library), states)
+        values = statement_values(tell(problem, [statement], clip, labels), states)
         if values.max() < chance + math.log(2.0):
             found.append(f"{describe(statement)} (log density {values.max():.1f}, as by chance)")
     return tuple(found)

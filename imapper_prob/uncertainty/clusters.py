@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 
-from imapper_prob.layouts import SEATS
 from imapper_prob.models.drawing import axes_for, picture_of
-from imapper_prob.models.scene import FRONTLESS, SceneObject
+from imapper_prob.models.scene import FRONTLESS, SEATS, SceneObject
 from imapper_prob.models.text import with_error
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 
@@ -105,6 +104,8 @@ together as often as the more probable one occurs."""
 _ROUNDS = 30
 """Largest number of iterations of the matching; it usually converges after ten."""
 _APART = 1e6
+_RAREST = 0.001
+"""Least probability of a label that is listed."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,8 @@ class ObjectCluster:
     presence_error : float
         Monte-Carlo standard error of ``presence``; NaN with too few draws.
     labels : mapping of str to float
-        Probability of each label if the object exists, in descending order.
+        Probability of each label if the object exists, in descending order, down to .001. Seats may
+        have other labels than those of their scenelets (docs/explanation/model.md).
     positions : (n, 2) float
         Centre on the floor in every draw that has the object, including its displacement, metres.
     yaw : float
@@ -128,7 +130,8 @@ class ObjectCluster:
     members : (n, 2) int
         Index of the draw, and of the object in it.
     typical : SceneObject
-        The object nearest to the mean, among those with the most probable label.
+        The object nearest to the mean, among those whose scenelets have the most probable label, if
+        there are any.
     """
 
     presence: float
@@ -236,6 +239,7 @@ def object_clusters(
     least: float = 0.05,
     standing: Sequence[Sequence[SceneObject]] | None = None,
     seen: Sequence[Sequence[SceneObject]] | None = None,
+    labels: Sequence[Sequence[Mapping[str, float]]] | None = None,
 ) -> tuple[ObjectCluster, ...]:
     """Match the objects of all draws.
 
@@ -255,6 +259,8 @@ def object_clusters(
         Objects are matched by their positions in scenelets, and these positions are reported.
     seen : sequence of C N sequences of SceneObject, optional
         The same objects with other positions for the matching, if these differ.
+    labels : sequence of C N sequences of mapping of str to float, optional
+        Probabilities of the true label of each object; certainly its own if not given.
 
     Returns
     -------
@@ -268,15 +274,16 @@ def object_clusters(
     members = np.array([(n, k) for n, k, _ in everything])
     compared = draws if seen is None else seen
     places = np.array([o.centre[:2] for own in compared for o in own])
-    labels = np.eye(len(names))[[names.index(o.label) for _, _, o in everything]]
+    one_hot = np.eye(len(names))[[names.index(o.label) for _, _, o in everything]]
     likely_first = np.argsort(-np.ravel(log_posterior), kind="stable")
     begins = np.searchsorted(members[:, 0], np.arange(len(draws) + 1))
     rows = [np.arange(begins[n], begins[n + 1]) for n in likely_first]
     metric = _Metric(radius, _labels_apart(names))
-    cluster = _matched(rows, members[:, 0], places, labels, metric)
+    cluster = _matched(rows, members[:, 0], places, one_hot, metric)
     standing = draws if standing is None else standing
+    labels = [[{o.label: 1.0} for o in own] for own in draws] if labels is None else labels
     results = [
-        _summary(draws, standing, members[cluster == c], log_posterior.shape)
+        _summary(draws, standing, labels, members[cluster == c], log_posterior.shape)
         for c in np.unique(cluster)
     ]
     kept = [c for c in results if c.presence >= least]
@@ -404,13 +411,16 @@ def _united(
 def _summary(
     draws: Sequence[Sequence[SceneObject]],
     standing: Sequence[Sequence[SceneObject]],
+    labels: Sequence[Sequence[Mapping[str, float]]],
     members: Ints,
     shape: tuple[int, ...],
 ) -> ObjectCluster:
     objects = [draws[n][k] for n, k in members.tolist()]
-    counts = Counter(o.label for o in objects)
+    counts: Counter[str] = Counter()
+    for n, k in members.tolist():
+        counts.update(labels[n][k])
     ranked = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
-    labels = {label: count / len(objects) for label, count in ranked}
+    probable = {label: c / len(objects) for label, c in ranked if c >= _RAREST * len(objects)}
     positions = np.array([standing[n][k].centre[:2] for n, k in members.tolist()])
     yaw, spread = circular_mean_and_spread(
         np.array([o.placement.yaw for o in objects]), front=ranked[0][0] not in FRONTLESS
@@ -422,13 +432,11 @@ def _summary(
         warnings.simplefilter("ignore", ShortChainWarning)
         error = float(mean_error(there))
     off = [float(np.linalg.norm(o.centre[:2] - positions.mean(0))) for o in objects]
-    typical = min(
-        (i for i, o in enumerate(objects) if o.label == ranked[0][0]), key=off.__getitem__
-    )
+    typical = min(range(len(off)), key=lambda i: (objects[i].label != ranked[0][0], off[i]))
     return ObjectCluster(
         presence=float(there.mean()),
         presence_error=error,
-        labels=labels,
+        labels=probable,
         positions=positions,
         yaw=yaw,
         yaw_spread=spread,

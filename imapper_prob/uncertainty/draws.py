@@ -31,8 +31,8 @@ from imapper_prob.uncertainty.hidden import HiddenJoints, hidden_joints
 from imapper_prob.uncertainty.motion import JointSummary, joint_summary
 from imapper_prob.uncertainty.occupancy import Occupancy, occupancy
 from imapper_prob.uncertainty.parameters import Nuisance, nuisances
-from imapper_prob.uncertainty.stored import Source
-from imapper_prob.uncertainty.told import as_told
+from imapper_prob.uncertainty.stored import Source, categories_of
+from imapper_prob.uncertainty.told import as_told, label_shares
 from imapper_prob.uncertainty.tree import arviz_tree, posterior_tree
 
 __all__ = ["Draws"]
@@ -132,6 +132,7 @@ class Draws:
         """
         rng, settings = np.random.default_rng(self.config.seed), self.config.model
         statements = () if self.told is None else self.told.statements
+        names = categories_of(self.solution)
         return FurnitureOfDraws(
             as_told(
                 rng,
@@ -139,6 +140,7 @@ class Draws:
                 drawn_objects(rng, objects, settings),
                 statements,
                 problem=self.solution.problem,
+                names=names,
                 state=state,
                 camera=self._camera(state.camera),
             )
@@ -170,8 +172,18 @@ class Draws:
                 least=least,
                 standing=self.furniture,
                 seen=self.samples.seen,
+                labels=self._label_shares,
             )
         return self._clusters[least]
+
+    @cached_property
+    def _label_shares(self) -> tuple[tuple[dict[str, float], ...], ...]:
+        """Probabilities of the true label of each object, by draw."""
+        problem, names = self.solution.problem, categories_of(self.solution)
+        return tuple(
+            label_shares(objects, problem=problem, names=names, state=state)
+            for objects, state in zip(self.samples.objects, self.samples.states, strict=True)
+        )
 
     @cached_property
     def _clusters(self) -> dict[float, tuple[ObjectCluster, ...]]:

@@ -5,7 +5,7 @@ false one, and distances cost their square, the expected loss is least for the o
 probability above one half, at their mean positions and yaws, and the mean motion. Positions are
 averaged in bearing and log distance, because their spread is relative and along the ray. Yaws are
 averaged as directions; their loss is the squared chord. An object's shape is one of the drawn
-objects of the most probable kind (all seats are one kind): the one with the largest mean overlap
+objects of the most frequent kind (all seats are one kind): the one with the largest mean overlap
 with all drawn ones.
 
 Furniture is displaced from its position in the scenelet, with the standard deviations of
@@ -15,6 +15,7 @@ Furniture is displaced from its position in the scenelet, with the standard devi
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Final
@@ -23,9 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import area, intersection, polygons
 
-from imapper_prob.layouts import SEATS
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.scene import FRONTLESS, Placement, Scene, SceneObject
+from imapper_prob.models.scene import FRONTLESS, SEATS, Placement, Scene, SceneObject
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.uncertainty.clusters import ObjectCluster, circular_mean_and_spread
@@ -97,15 +97,15 @@ def expected_scene(
 
 
 def _at_its_mean(cluster: ObjectCluster, objects: Sequence[Sequence[SceneObject]]) -> SceneObject:
-    """The drawn object of largest mean overlap, of the most probable kind, at the mean position.
+    """The drawn object of largest mean overlap, of the most frequent kind, at the mean position.
 
-    Its yaw is the mean over objects of the kind's most probable label.
+    Its yaw is the mean over objects of the kind's most frequent label.
     """
     x, y = cluster.positions.T
     bearing, distance = np.arctan2(x, y).mean(), np.exp(np.log(np.hypot(x, y)).mean())
     middle = distance * np.array([np.sin(bearing), np.cos(bearing)])
-    labels = _most_probable_kind(cluster)
     members = [objects[n][k] for n, k in cluster.members]
+    labels = _most_frequent_kind(members)
     turns = [o.placement.yaw for o in members if o.label == labels[0]]
     yaw, _ = circular_mean_and_spread(np.array(turns), front=labels[0] not in FRONTLESS)
     others = polygons([o.footprint for o in _few(members)])
@@ -116,11 +116,12 @@ def _at_its_mean(cluster: ObjectCluster, objects: Sequence[Sequence[SceneObject]
     return pieces[int(overlap.mean(1).argmax())]
 
 
-def _most_probable_kind(cluster: ObjectCluster) -> tuple[str, ...]:
-    """Labels of the most probable kind, in descending order; all seats are one kind."""
-    seats = tuple(label for label in cluster.labels if label in SEATS)
-    kinds = [seats, *((label,) for label in cluster.labels if label not in SEATS)]
-    return max(kinds, key=lambda kind: sum(cluster.labels[label] for label in kind))
+def _most_frequent_kind(members: Sequence[SceneObject]) -> tuple[str, ...]:
+    """Labels of the most frequent kind, in descending order; all seats are one kind."""
+    counts = dict(Counter(o.label for o in members).most_common())
+    seats = tuple(label for label in counts if label in SEATS)
+    kinds = [seats, *((label,) for label in counts if label not in SEATS)]
+    return max(kinds, key=lambda kind: sum(counts[label] for label in kind))
 
 
 def _few(members: Sequence[SceneObject]) -> list[SceneObject]:

@@ -30,7 +30,7 @@ from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 from imapper_prob.sampling.conditioning import statement_values
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.clusters import ObjectCluster
-from imapper_prob.uncertainty.stored import Source
+from imapper_prob.uncertainty.stored import Source, categories_of
 
 __all__ = ["Question", "information", "questions_of"]
 
@@ -153,7 +153,7 @@ def questions_of(
     """
     found = []
     for text, asked in _about_objects(clusters, radius):
-        told = tell(source.problem, [asked], source.clip, source.library)
+        told = tell(source.problem, [asked], source.clip, categories_of(source))
         yes = np.exp(statement_values(told, samples.states))
         found.append(_question(text, asked, samples, np.stack([yes, 1 - yes], -1)))
     for text, quantity, std in _MEASURED:

@@ -18,6 +18,7 @@ that occur in a draw are stored. Groups, in addition to those of
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -33,10 +34,10 @@ from imapper_prob.layouts import Layouts, placed_objects
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.path_prior import CAMERA
-from imapper_prob.models.problem import Problem, resample
+from imapper_prob.models.problem import Problem, labels_of, resample
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.text import brief
+from imapper_prob.models.text import brief, readable
 from imapper_prob.models.valid import check_problem, check_state
 from imapper_prob.samplers.diagnostics import LayoutProbabilities
 from imapper_prob.samplers.ladder import LadderSummary
@@ -50,6 +51,7 @@ from imapper_prob.solver.selection import of_scenelets
 __all__ = [
     "Source",
     "StoredSource",
+    "categories_of",
     "library_digest",
     "object_origins",
     "read_samples",
@@ -178,6 +180,8 @@ class StoredSource:
         Fit of the best scenelet of the whole library; NaN if unknown.
     library_digest : str
         Digest of the whole library.
+    categories : tuple of C str
+        Furniture labels of the whole library, by category number.
     """
 
     clip: Clip
@@ -185,6 +189,7 @@ class StoredSource:
     problem: Problem
     best_fits: NDArray[np.float64]
     library_digest: str
+    categories: tuple[str, ...]
 
     __repr__ = brief
 
@@ -201,6 +206,22 @@ def library_digest(source: Source) -> str:
     str
     """
     return source.library_digest if isinstance(source, StoredSource) else source.library.digest
+
+
+def categories_of(source: Source) -> tuple[str, ...]:
+    """Furniture labels of the whole library of a source, by category number.
+
+    Parameters
+    ----------
+    source : Source
+
+    Returns
+    -------
+    tuple of C str
+    """
+    if isinstance(source, StoredSource):
+        return source.categories
+    return tuple(labels_of(source.library))
 
 
 def source_groups(source: Source, chosen: Ints) -> dict[str, xr.Dataset]:
@@ -264,8 +285,25 @@ def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
         motion["best_fit"].to_numpy() if "best_fit" in motion else np.full(problem.n_frames, np.nan)
     )
     _require(fits.shape == (everybody,), "best_fit is not of the clip's frames")
-    digest = str(groups["/"].attrs["library_digest"])
-    return StoredSource(clip, library, problem, fits.astype(np.float64), digest)
+    said = groups["/"].attrs
+    digest, categories = str(said["library_digest"]), _categories(said["categories"])
+    boxes = [o.label for s in library for o in s.objects for _ in o.cuboids]
+    fit = len(categories) == len(problem.label_kinds) and len(boxes) == len(problem.box_label)
+    _require(
+        fit and boxes == [categories[k] for k in problem.box_label.tolist()],
+        "problem and library have other categories",
+    )
+    return StoredSource(clip, library, problem, fits.astype(np.float64), digest, categories)
+
+
+def _categories(said: object) -> tuple[str, ...]:
+    """Labels from an attribute of the file."""
+    try:
+        labels = json.loads(str(said))
+    except (ValueError, RecursionError):
+        labels = None
+    _require(isinstance(labels, list), "categories are no list")
+    return tuple(readable(str(label)) for label in labels)
 
 
 def _dataset(arrays: Mapping[str, Any]) -> xr.Dataset:

@@ -1,7 +1,9 @@
-"""Furniture of a draw at the places and with the sizes that statements measured.
+"""Furniture of a draw at the places, with the sizes and with the labels that statements say.
 
 A piece stands where its scenelet says, up to the errors of :mod:`~imapper_prob.models.kernels.
-measured`, which the likelihood of a statement sums out. Here they are drawn given the statement.
+measured`, and a seat has its scenelet's label with a certain probability only. The likelihood of
+statements sums both out. Here errors are drawn given the statements, and labels get their
+probabilities.
 """
 
 from __future__ import annotations
@@ -22,13 +24,13 @@ from imapper_prob.models.kernels.measured import (
     set_errors,
     shown,
 )
-from imapper_prob.models.log_posterior import State, motion
+from imapper_prob.models.log_posterior import State, label_probabilities, motion
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Cuboid, SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.statements import ObjectAt, Seen, Statement
 
-__all__ = ["as_told"]
+__all__ = ["as_told", "label_shares"]
 
 Array = NDArray[np.float64]
 
@@ -40,6 +42,7 @@ def as_told(
     statements: Sequence[Statement],
     *,
     problem: Problem,
+    names: Sequence[str],
     state: State,
     camera: Camera,
 ) -> tuple[SceneObject, ...]:
@@ -60,6 +63,8 @@ def as_told(
         Only measured objects and boxes of a detector are used.
     problem : Problem
         With these statements.
+    names : sequence of C str
+        Labels by their category number in the problem.
     state : State
         Of the draw.
     camera : Camera
@@ -73,13 +78,51 @@ def as_told(
     if not found or not placed:
         return tuple(drawn)
     pieces = _Pieces(placed, problem, state)
+    kinds = problem.label_kinds[[names.index(o.label) for o in placed]]
     for s, said in found:
+        first = problem.given_kinds[s, 1]
         if isinstance(said, ObjectAt):
-            pieces.measure(rng, said, problem.given[s])
+            shares = kinds @ problem.given_labels[first]
+            pieces.measure(rng, said, problem.given[s], shares)
         else:
             joints = motion(problem, state)[problem.given_kinds[s, 5]]
-            pieces.see(rng, said, problem.given[s], _outline_of(joints, camera))
+            shares = problem.given_labels[first : first + len(said.boxes)] @ kinds.T
+            pieces.see(rng, said, problem.given[s], shares, _outline_of(joints, camera))
     return pieces.standing(rng, placed, drawn)
+
+
+def label_shares(
+    placed: Sequence[SceneObject], *, problem: Problem, names: Sequence[str], state: State
+) -> tuple[dict[str, float], ...]:
+    """Probabilities of the true label of each object of a draw, given the statements.
+
+    Parameters
+    ----------
+    placed : sequence of SceneObject
+        Objects of a draw at their places in scenelets, in its world frame.
+    problem : Problem
+    names : sequence of C str
+        Labels by their category number in the problem.
+    state : State
+        Of the draw.
+
+    Returns
+    -------
+    tuple of dict of str to float
+        One for each object.
+    """
+    own = np.array([names.index(o.label) for o in placed], np.int64)
+    shares = problem.label_kinds[own]
+    if len(problem.given_labels) and len(placed):
+        centres, labels, told = label_probabilities(problem, state)
+        for k, o in enumerate(placed):
+            # An object that several scenelets have is there once, at the place in the first.
+            away = np.linalg.norm(centres - o.centre, axis=1)
+            shares[k] = told[np.where(labels == own[k], away, np.inf).argmin()]
+    return tuple(
+        {names[label]: float(row[label]) for label in np.flatnonzero(row).tolist()}
+        for row in shares
+    )
 
 
 def _outline_of(joints: Array, camera: Camera) -> Array:
@@ -92,7 +135,6 @@ class _Pieces:
     """The objects of a draw, with mean and covariance of their errors given statements."""
 
     def __init__(self, placed: Sequence[SceneObject], problem: Problem, state: State) -> None:
-        self._labels = [o.label for o in placed]
         yaws = np.array([o.placement.yaw for o in placed])
         halves = np.array([np.diff(o.bounds, axis=0)[0] / 2 for o in placed])
         self._boxes = np.column_stack([[o.centre for o in placed], halves, yaws])
@@ -108,17 +150,24 @@ class _Pieces:
         set_errors(self._boxes[k], self._spread, mean, covariance)
         return mean, covariance
 
-    def measure(self, rng: np.random.Generator, said: ObjectAt, numbers: Array) -> None:
-        """Condition the object that was measured, if any; numbers are those of the problem."""
+    def measure(
+        self, rng: np.random.Generator, said: ObjectAt, numbers: Array, shares: Array
+    ) -> None:
+        """Condition the object that was measured, if any.
+
+        ``numbers`` are those of the problem, ``shares`` the probabilities that the objects have one
+        of the labels.
+        """
         lens = np.concatenate([self._lens, numbers[14:16]])
 
         def agreement(k: int, mean: Array, covariance: Array) -> float:
             box, turn = self._boxes[k], self._turns[k]
             return measure_object(numbers[2:14], lens, self._camera, box, turn, mean, covariance)
 
-        ours = [k for k, label in enumerate(self._labels) if label in said.labels]
+        ours = np.flatnonzero(shares).tolist()
+        there = (1 - said.doubt) * (1 - np.prod(1 - shares))
         logs = [
-            math.log((1 - said.doubt) / len(ours)) + agreement(k, *self._prior(k)) for k in ours
+            math.log(there * shares[k] / shares.sum()) + agreement(k, *self._prior(k)) for k in ours
         ]
         which = _one_of(rng, [*logs, math.log(said.doubt) + numbers[1]])
         if which < len(ours):
@@ -127,19 +176,29 @@ class _Pieces:
             self._placed[k] |= said.place is not None
             self._sized[k] |= said.size is not None or said.box is not None
 
-    def see(self, rng: np.random.Generator, said: Seen, numbers: Array, person: Array) -> None:
-        """Condition the objects that a detector's boxes belong to."""
+    def see(
+        self,
+        rng: np.random.Generator,
+        said: Seen,
+        numbers: Array,
+        shares: Array,
+        person: Array,
+    ) -> None:
+        """Condition the objects that a detector's boxes belong to.
+
+        ``shares`` are the probabilities of each box's label, if it is of each of the objects.
+        """
         lens = np.concatenate([self._lens, numbers[4:6]])
         outlines = np.empty((len(self._boxes), 5))
         slopes = np.empty((len(self._boxes), 4, ERRORS))
         for k, (box, turn) in enumerate(zip(self._boxes, self._turns, strict=True)):
             find_outline(lens, self._camera, box, turn, outlines[k], slopes[k])
         rates = [-math.log1p(-said.rate * shown(outlines, k, person)) for k in range(len(outlines))]
-        for box, confusion in zip(np.array(said.boxes), said.confusion, strict=True):
+        for box, own in zip(np.array(said.boxes), shares, strict=True):
             logs = [
-                _log(rate * confusion.get(label, 0.0))
+                _log(rate * own[k])
                 + measure_box(box, said.std, outlines[k], slopes[k], *self._prior(k))
-                for k, (label, rate) in enumerate(zip(self._labels, rates, strict=True))
+                for k, rate in enumerate(rates)
             ]
             k = _one_of(rng, [*logs, math.log(said.clutter) + numbers[2]])
             if k < len(logs):

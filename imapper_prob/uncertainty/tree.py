@@ -53,6 +53,7 @@ from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import Check, to_json
 from imapper_prob.uncertainty.stored import (
     Source,
+    categories_of,
     library_digest,
     object_origins,
     sample_attributes,
@@ -99,6 +100,7 @@ def provenance(source: Source, config: Config, seconds: Mapping[str, float]) -> 
         "clip_digest": clip_digest(source.clip),
         "library": source.library.name,
         "library_digest": library_digest(source),
+        "categories": json.dumps(categories_of(source)),
         "config": settings,
         "config_digest": hashlib.sha256(settings.encode()).hexdigest(),
         "seed": config.seed,
@@ -154,7 +156,7 @@ DENIED: Final = "given_denied"
 """Attribute with those of them that no draw agrees with."""
 EVIDENCE: Final = "given_evidence"
 """Attribute with the evidence of the statements."""
-FORMAT: Final = "imapper-prob posterior 6"
+FORMAT: Final = "imapper-prob posterior 7"
 """Format of the file; the number is raised when an older reader would misread it."""
 _SAID: Final = ("ensembles", "clip", "program", "verdict")
 """Attributes that can be shown without reading the draws."""

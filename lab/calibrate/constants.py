@@ -20,6 +20,7 @@ from lab.calibrate.estimators import (
     balanced_logistic_fit,
     between_groups,
     change_within,
+    confusion_mean,
     correlation_length,
     predictive_spread,
     root_mean_square,
@@ -242,6 +243,10 @@ def _furniture(axis: int) -> Callable[[Sequence[Placed]], Number]:
     )
 
 
+def _seat_confusion(evidence: Sequence[Placed]) -> Number:
+    return confusion_mean(np.concatenate([e.nearest.seats for e in evidence]))
+
+
 def _sight_width(evidence: Sequence[Placed]) -> Number:
     return sight_width_fit(
         np.concatenate([e.nearest.clearance for e in evidence]),
@@ -461,6 +466,11 @@ FROM_PATH: Final = (
     Estimator(
         "furniture.ahead", "m", "furniture before or behind where its scenelet says",
         "the same across their width", _furniture(1),
+    ),
+    Estimator(
+        "seats.confusion", "1", "probability that motion says nothing of which kind of seat it is",
+        "posterior mean, uniform before, given how often the scenelets nearest to the true motion "
+        "have the label of the seat that the person is on; each seat counts once", _seat_confusion,
     ),
     Estimator(
         "sight.width", "m", "width of the step from hidden to seen over the clearance of a ray",

@@ -22,6 +22,7 @@ __all__ = [
     "balanced_logistic_fit",
     "between_groups",
     "change_within",
+    "confusion_mean",
     "correlation_length",
     "jackknife_error",
     "predictive_spread",
@@ -44,6 +45,8 @@ _LOG_SCALES = (-7.0, 2.0)
 """Range of log scales of angles: from a twentieth of a degree to nearly uniform."""
 _LOG_WIDTHS = (-7.0, 1.0)
 """Range of log widths: from a millimetre to metres."""
+_GRID = 1000
+"""Points of a grid over probabilities."""
 _FEWEST = 20
 """Least number of observations for a Student-t fit."""
 
@@ -73,6 +76,30 @@ def sight_width_fit(clearance: ArrayLike, hidden: ArrayLike, *, visibility_error
         return float(-np.log(np.where(hidden, 1 - seen, seen)).mean())
 
     return float(np.exp(minimize_scalar(cost, bounds=_LOG_WIDTHS, method="bounded").x))
+
+
+def confusion_mean(agreement: ArrayLike) -> float:
+    """Posterior mean of the probability that a label says nothing; uniform before.
+
+    A label that says nothing has those of a population: it is the true one with that one's share.
+    Its probability is linear in the confusion, so the mean predicts like the whole posterior.
+
+    Parameters
+    ----------
+    agreement : (n, 2) float
+        For each object the fraction of labels that agree with the true one, all of which count
+        once; and the share of the true one in the population.
+
+    Returns
+    -------
+    float
+    """
+    agree, share = np.asarray(agreement, float).reshape(-1, 2).T[:, :, None]
+    confusion = (np.arange(_GRID) + 0.5) / _GRID
+    logs = agree * np.log(1 - confusion + confusion * share)
+    logs += (1 - agree) * np.log(confusion * (1 - share))
+    weights = np.exp(logs.sum(0) - logs.sum(0).max())
+    return float(weights @ confusion / weights.sum())
 
 
 def student_t_fit(errors: ArrayLike) -> tuple[float, float]:

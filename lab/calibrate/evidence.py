@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from imapper_prob.models.calibrated import Number, with_values
 from imapper_prob.models.detector import DetectionModel, DetectorSettings
 from imapper_prob.models.path_prior import StaticPath
-from imapper_prob.models.problem import Problem, pack_problem, resample
-from imapper_prob.models.scene import Clip, Placement, Truth
+from imapper_prob.models.problem import Problem, label_kinds, labels_of, pack_problem, resample
+from imapper_prob.models.scene import SEATS, Clip, Placement, Truth
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import CameraSettings, ModelSettings, StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED, PELV, facing, turned
@@ -50,6 +50,7 @@ from lab.calibrate.observations import (
     observe_lifted,
     observe_motion,
     observe_path,
+    observe_seats,
     observe_thighs,
     sights_past,
     stretches,
@@ -209,6 +210,9 @@ class Nearest:
     furniture : (k, 2) float
         Errors of the places that they give to true furniture
         (:func:`lab.calibrate.observations.furniture_errors`).
+    seats : (s, 2) float
+        How often the nearest one's seat has the label of the true seat
+        (:func:`lab.calibrate.observations.observe_seats`).
     beside : tuple of Neighbours
         Each with its ten nearest neighbours.
     """
@@ -219,6 +223,7 @@ class Nearest:
     clearance: Array
     hidden: NDArray[np.bool_]
     furniture: Array
+    seats: Array
     beside: tuple[Neighbours, ...]
 
 
@@ -235,6 +240,7 @@ def _nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libr
     motions = [m - m[:, [PELV]] for m in motions]
     stays = {t for s in stretches(truth, clip.fps) for t in range(s.start, s.stop)}
     across, jumps, turns, placed, sights, beside = [], [], [], [], [], []
+    best_placed = []
     for centre in range(0, clip.n_frames, round(_EVERY * clip.fps)):
         candidates = []
         for number, motion in enumerate(motions):
@@ -265,11 +271,13 @@ def _nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libr
         expected = (faces[start:end] * own_faces[number].conj()).mean()
         turns.append(np.angle(np.exp(1j * yaw) * expected.conj()))
         if centre in stays:
-            for _, number, first, yaw in candidates[:_BEST]:
+            for rank, (_, number, first, yaw) in enumerate(candidates[:_BEST]):
                 own = np.flatnonzero(known[first : first + len(travels[number])])
                 middle = truth.joints[first + own, PELV].mean(0)
                 laid = _laid_upon(middle, yaw, travels[number][own])
                 placed.append((library[number], laid))
+                if not rank:
+                    best_placed.append((library[number], laid))
                 sights.append(sights_past(truth, library[number], laid, first + own))
     clearance, hidden = np.concatenate(sights, axis=1)
     return Nearest(
@@ -279,8 +287,19 @@ def _nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libr
         clearance,
         hidden.astype(bool),
         furniture_errors(truth, placed),
+        observe_seats(truth, best_placed, _seat_shares(library)),
         tuple(beside),
     )
+
+
+def _seat_shares(library: Library) -> dict[str, float]:
+    """Shares of labels among the library's seats."""
+    kinds = np.diagonal(label_kinds(library, 1.0)).tolist()
+    return {
+        label: share
+        for label, share in zip(labels_of(library), kinds, strict=True)
+        if label in SEATS
+    }
 
 
 def _turn(motion: Array, joints: Array) -> tuple[float, float]:

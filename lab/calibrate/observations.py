@@ -8,7 +8,7 @@ of the motion predicts: its place relative to the person, and the joints it hide
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from imapper_prob.layouts import group_of
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.path_prior import CameraPrior, StaticPath
-from imapper_prob.models.scene import Clip, Placement, SceneObject, Truth
+from imapper_prob.models.scene import SEATS, Clip, Placement, SceneObject, Truth
 from imapper_prob.models.scenelet import Scenelet
 from imapper_prob.models.skeleton import DETECTED, LANK, MIRROR, PELV, RANK
 from imapper_prob.solver.camera_prior import find_stays, thigh_signs
@@ -35,6 +35,7 @@ __all__ = [
     "observe_lifted",
     "observe_motion",
     "observe_path",
+    "observe_seats",
     "observe_thighs",
     "sights_past",
     "stretches",
@@ -302,6 +303,36 @@ def furniture_errors(truth: Truth, placed: Iterable[tuple[Scenelet, Placement]])
             if distance <= _NEAR:
                 errors[k].append(_along_axes(truth.objects[k], said))
     return np.array([np.mean(own, axis=0) for own in errors.values()]).reshape(-1, 2)
+
+
+def observe_seats(
+    truth: Truth, placed: Iterable[tuple[Scenelet, Placement]], shares: Mapping[str, float]
+) -> Array:
+    """How often the nearest scenelet's seat has the label of the true one.
+
+    Parameters
+    ----------
+    truth : Truth
+    placed : iterable of (Scenelet, Placement)
+        Of each window, the scenelet nearest to the true motion, placed at it.
+    shares : mapping of str to float
+        Shares of labels among the library's seats.
+
+    Returns
+    -------
+    (n, 2) float
+        One row for each true seat whose label the library has: the fraction of its windows in which
+        the scenelet's seat has its label, and that label's share.
+    """
+    agree: dict[int, list[bool]] = defaultdict(list)
+    for scenelet, placement in placed:
+        for said in (o.moved(placement) for o in scenelet.objects if o.label in SEATS):
+            seats = [k for k, o in enumerate(truth.objects) if o.label in shares]
+            k = min(seats, key=lambda k: _between(truth.objects[k], said), default=-1)
+            if k >= 0 and _between(truth.objects[k], said) <= _NEAR:
+                agree[k].append(truth.objects[k].label == said.label)
+    rows = [(np.mean(own), shares[truth.objects[k].label]) for k, own in agree.items()]
+    return np.array(rows, np.float64).reshape(-1, 2)
 
 
 def _along_axes(o: SceneObject, said: SceneObject) -> Array:

@@ -1,9 +1,11 @@
 """The likelihood of statements about a scene (docs/explanation/model.md 25 to 33).
 
 A statement is a person's answer or a measurement. Its term is the density of that answer given the
-scene. It is normalised over all possible answers, so that evidence ratios are meaningful.
-Statements are flat rows of a problem, packed by :mod:`imapper_prob.models.statement_rows`. Without
-statements no kernel of this module is called.
+scene. It is normalised over all possible answers, so that evidence ratios are meaningful. The label
+of a seat is not known from its scenelet; for each row of labels that a statement has, every piece
+has a *share*: the probability that its true label is one of them. Statements are flat rows of a
+problem, packed by :mod:`imapper_prob.models.statement_rows`. Without statements no kernel of this
+module is called.
 """
 
 from __future__ import annotations
@@ -14,8 +16,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import inlined, inner, inner_inlined
-from imapper_prob.models.kernels.cache import Cache
+from imapper_prob.models.jit import compiled, inlined, inner, inner_inlined
+from imapper_prob.models.kernels.cache import Cache, Evaluator
 from imapper_prob.models.kernels.intersection import overlap_depth
 from imapper_prob.models.kernels.measured import (
     ERRORS,
@@ -42,6 +44,7 @@ __all__ = [
     "ROOM",
     "SAME_OBJECT",
     "sum_given",
+    "weigh_labels",
 ]
 
 Array = NDArray[np.float64]
@@ -132,6 +135,21 @@ def _find_pieces(
     return labels[:count]
 
 
+@inner
+def _find_shares(problem: Problem, labels: Ints) -> Array:
+    """(Q, k) probability that each piece's true label is among those of each row of labels.
+
+    For boxes of a detector, it is the probability of the detected label.
+    """
+    shares = np.zeros((len(problem.given_labels), len(labels)))
+    for row in range(len(shares)):
+        for k in range(len(labels)):
+            for label in range(problem.given_labels.shape[1]):
+                kind = problem.label_kinds[labels[k], label]
+                shares[row, k] += kind * problem.given_labels[row, label]
+    return shares
+
+
 @inlined
 def _inside(corners: Array, first: int, end: int, x: float, y: float) -> float:
     """Distance from a point to the nearest edge of a polygon, metres; negative outside."""
@@ -178,59 +196,58 @@ def _spread_of(problem: Problem) -> Array:
 
 @inner
 def _object(
-    problem: Problem, camera: Array, s: int, pieces: Array, turns: Array, labels: Ints
+    problem: Problem, camera: Array, s: int, pieces: Array, turns: Array, shares: Array
 ) -> float:
     """Term of `ObjectAt`: measured position, size or image box of an object of some labels.
 
     Numbers: doubt, log density of a wrong answer, x, y, std (m), width, depth, height, std (m),
     left, top, right, bottom, std, image width and height (px). Parts with std 0 were not measured.
     """
-    numbers, row = problem.given[s], problem.given_kinds[s, 1]
+    numbers, own = problem.given[s], shares[problem.given_kinds[s, 1]]
     lens, spread = _lens_of(problem, numbers[14], numbers[15]), _spread_of(problem)
-    count, best, each = 0, -math.inf, np.empty(len(labels))
+    none, best, each = 1.0, -math.inf, np.empty(len(own))
     mean, covariance = np.empty(ERRORS), np.empty((ERRORS, ERRORS))
-    for k in range(len(labels)):
-        if problem.given_labels[row, labels[k]] == 0.0:
+    for k in range(len(own)):
+        if own[k] == 0.0:
             continue
         set_errors(pieces[k], spread, mean, covariance)
-        value = measure_object(numbers[2:14], lens, camera, pieces[k], turns[k], mean, covariance)
-        each[count] = value
-        count += 1
-        best = max(best, value)
+        each[k] = measure_object(numbers[2:14], lens, camera, pieces[k], turns[k], mean, covariance)
+        none *= 1.0 - own[k]
+        best = max(best, each[k])
     wrong = math.log(numbers[0]) + numbers[1]
-    if count == 0:
+    if best == -math.inf:
         return float(wrong)
-    total = 0.0
-    for k in range(count):
-        total += math.exp(each[k] - best)
-    right = math.log(1.0 - numbers[0]) + best + math.log(total / count)
+    total, sum_of_shares = 0.0, 0.0
+    for k in range(len(own)):
+        if own[k] > 0.0:
+            total += own[k] * math.exp(each[k] - best)
+            sum_of_shares += own[k]
+    there = (1.0 - numbers[0]) * (1.0 - none)
+    right = math.log(there) + best + math.log(total / sum_of_shares)
     top = max(right, wrong)
     return float(top + math.log(math.exp(right - top) + math.exp(wrong - top)))
 
 
 @inner
-def _presence(problem: Problem, s: int, pieces: Array, labels: Ints) -> float:
+def _presence(problem: Problem, s: int, pieces: Array, shares: Array) -> float:
     """Term of `Presence`: whether an object of some labels is in a region, or anywhere.
 
     Numbers: doubt, 1 for yes, std of the region's edge (m).
     """
     numbers, kinds = problem.given[s], problem.given_kinds[s]
-    none = 1.0
-    for k in range(len(labels)):
-        if problem.given_labels[kinds[1], labels[k]] > 0.0:
-            there = 1.0
-            if kinds[3] > kinds[2]:
-                piece = pieces[k]
-                far = _inside(problem.given_rows, kinds[2], kinds[3], piece[0], piece[1])
-                there = _normal_cdf(far / math.sqrt(_spread_at(problem, piece, numbers[2])))
-            none *= 1.0 - there
+    none, own = 1.0, shares[kinds[1]]
+    for k in range(len(own)):
+        there = own[k]
+        if there > 0.0 and kinds[3] > kinds[2]:
+            piece = pieces[k]
+            far = _inside(problem.given_rows, kinds[2], kinds[3], piece[0], piece[1])
+            there *= _normal_cdf(far / math.sqrt(_spread_at(problem, piece, numbers[2])))
+        none *= 1.0 - there
     return _answered(1.0 - none, numbers[1] > 0.0, numbers[0])
 
 
 @inner
-def _room(
-    problem: Problem, cache: Cache, s: int, pieces: Array, turns: Array, labels: Ints
-) -> float:
+def _room(problem: Problem, cache: Cache, s: int, pieces: Array, turns: Array) -> float:
     """Term of `Room`: whether furniture and pelvis are inside the walls; the answer is yes.
 
     Numbers: doubt, std of the walls (m).
@@ -243,7 +260,7 @@ def _room(
             nearest, _inside(problem.given_rows, first, end, joints[0, PELV], joints[1, PELV])
         )
     probability = _normal_cdf(nearest / numbers[1])
-    for k in range(len(labels)):
+    for k in range(len(pieces)):
         piece, turn, nearest = pieces[k], turns[k], math.inf
         for corner in range(4):
             a = piece[3] if corner & 1 else -piece[3]
@@ -322,55 +339,60 @@ def _far_from(
 
 
 @inner
-def _touched(
-    cache: Cache, wanted: NDArray[np.bool_], sits: bool, first: int, end: int, n: int
-) -> float:
-    """Least margin over some frames of any touching joint to the nearest box, metres."""
-    least = math.inf
-    for t in range(first, end):
-        joints, best = cache.joints[cache.pose_row[t]], -math.inf
-        for joint in _TOUCHING[: 1 if sits else len(_TOUCHING)]:
-            x, y, z = joints[0, joint], joints[1, joint], joints[2, joint]
-            best = max(best, _far_from(cache, wanted, sits, x, y, z, n))
-        least = min(least, best)
-    return least
+def _margin(cache: Cache, wanted: NDArray[np.bool_], sits: bool, t: int, n: int) -> float:
+    """Margin in a frame of the touching joint that is nearest to any of some boxes, metres."""
+    joints, best = cache.joints[cache.pose_row[t]], -math.inf
+    for joint in _TOUCHING[: 1 if sits else len(_TOUCHING)]:
+        x, y, z = joints[0, joint], joints[1, joint], joints[2, joint]
+        best = max(best, _far_from(cache, wanted, sits, x, y, z, n))
+    return best
 
 
 @inner
-def _contact(problem: Problem, cache: Cache, s: int, owners: Ints, labels: Ints, n: int) -> float:
+def _contact(problem: Problem, cache: Cache, s: int, owners: Ints, shares: Array, n: int) -> float:
     """Term of `Contact`: whether the person sits on, or touches, an object; the answer is yes.
 
-    Numbers: doubt, 1 for sitting.
+    It may be another object in another frame. Numbers: doubt, 1 for sitting.
     """
-    kinds, numbers = problem.given_kinds[s], problem.given[s]
-    wanted = np.zeros(len(owners), np.bool_)
-    for k in range(len(owners)):
-        if owners[k] >= 0:
-            wanted[k] = problem.given_labels[kinds[1], labels[owners[k]]] > 0.0
-    least = _touched(cache, wanted, numbers[1] > 0.0, kinds[5], kinds[6], n)
-    probability = _normal_cdf(least / _SOFT) if least > -math.inf else 0.0
-    return _answered(probability, True, numbers[0])
+    kinds, numbers, own = (
+        problem.given_kinds[s],
+        problem.given[s],
+        shares[problem.given_kinds[s, 1]],
+    )
+    none = np.ones(kinds[6] - kinds[5])
+    for piece in range(len(own)):
+        if own[piece] == 0.0:
+            continue
+        wanted = owners == piece
+        for t in range(len(none)):
+            margin = _margin(cache, wanted, numbers[1] > 0.0, kinds[5] + t, n)
+            none[t] *= 1.0 - own[piece] * _normal_cdf(margin / _SOFT)
+    return _answered(1.0 - none.max(), True, numbers[0])
 
 
 @inner
 def _same_object(
-    problem: Problem, cache: Cache, s: int, owners: Ints, labels: Ints, n: int
+    problem: Problem, cache: Cache, s: int, owners: Ints, shares: Array, n: int
 ) -> float:
     """Term of `SameObject`: whether one object is in contact in all spans; the answer is yes.
 
     Numbers: doubt, 1 for sitting. Rows: first frame, and the frame after the last.
     """
-    kinds, numbers, best = problem.given_kinds[s], problem.given[s], -math.inf
-    for piece in range(len(labels)):
-        if problem.given_labels[kinds[1], labels[piece]] == 0.0:
+    kinds, numbers, own = (
+        problem.given_kinds[s],
+        problem.given[s],
+        shares[problem.given_kinds[s, 1]],
+    )
+    none = 1.0
+    for piece in range(len(own)):
+        if own[piece] == 0.0:
             continue
         wanted, least = owners == piece, math.inf
         for row in range(kinds[2], kinds[3]):
-            first, end = int(problem.given_rows[row, 0]), int(problem.given_rows[row, 1])
-            least = min(least, _touched(cache, wanted, numbers[1] > 0.0, first, end, n))
-        best = max(best, least)
-    probability = _normal_cdf(best / _SOFT) if best > -math.inf else 0.0
-    return _answered(probability, True, numbers[0])
+            for t in range(int(problem.given_rows[row, 0]), int(problem.given_rows[row, 1])):
+                least = min(least, _margin(cache, wanted, numbers[1] > 0.0, t, n))
+        none *= 1.0 - own[piece] * _normal_cdf(least / _SOFT)
+    return _answered(1.0 - none, True, numbers[0])
 
 
 @inner
@@ -386,7 +408,7 @@ def _directions(piece: Array, turn: Array, angles: Array) -> None:
 
 
 @inner
-def _behind(problem: Problem, s: int, pieces: Array, turns: Array, labels: Ints) -> float:
+def _behind(problem: Problem, s: int, pieces: Array, turns: Array, shares: Array) -> float:
     """Term of `Behind`: whether an object is behind another from the camera; the answer is yes.
 
     Its centre is farther away, and the ranges of bearings overlap. Numbers: doubt. The second row
@@ -394,13 +416,14 @@ def _behind(problem: Problem, s: int, pieces: Array, turns: Array, labels: Ints)
     """
     numbers, row = problem.given[s], problem.given_kinds[s, 1]
     none, own, other = 1.0, np.empty(2), np.empty(2)
-    for k in range(len(labels)):
-        if problem.given_labels[row, labels[k]] == 0.0:
+    for k in range(len(pieces)):
+        if shares[row, k] == 0.0:
             continue
         far = math.hypot(pieces[k, 0], pieces[k, 1])
         _directions(pieces[k], turns[k], own)
-        for j in range(len(labels)):
-            if j == k or problem.given_labels[row + 1, labels[j]] == 0.0:
+        for j in range(len(pieces)):
+            both = shares[row, k] * shares[row + 1, j]
+            if j == k or both == 0.0:
                 continue
             near = math.hypot(pieces[j, 0], pieces[j, 1])
             _directions(pieces[j], turns[j], other)
@@ -409,7 +432,7 @@ def _behind(problem: Problem, s: int, pieces: Array, turns: Array, labels: Ints)
             shared = min(own[1], other[1]) - max(own[0], other[0])
             aside = math.sqrt(one / (far * far) + two / (near * near))
             there = _normal_cdf((far - near) / math.sqrt(one + two)) * _normal_cdf(shared / aside)
-            none *= 1.0 - there
+            none *= 1.0 - both * there
     return _answered(1.0 - none, True, numbers[0])
 
 
@@ -438,16 +461,22 @@ def _person(problem: Problem, cache: Cache, camera: Array, t: int, edges: Array)
 
 @inner
 def _pictured(
-    problem: Problem, cache: Cache, camera: Array, s: int, pieces: Array, turns: Array, labels: Ints
+    problem: Problem,
+    cache: Cache,
+    camera: Array,
+    s: int,
+    pieces: Array,
+    turns: Array,
+    shares: Array,
 ) -> float:
     """Term of `Seen`: output of an object detector, a Poisson process of labelled boxes.
 
     Numbers: detection rate of an object in full view, expected number of false boxes, log density
-    of a false box, std (px), image width and height (px). Rows are boxes; their rows of labels hold
-    the probability of the detected label given each true label.
+    of a false box, std (px), image width and height (px). Rows are boxes; the shares of a box are
+    the probabilities of the detected label.
     """
     numbers, kinds = problem.given[s], problem.given_kinds[s]
-    count, person = len(labels), np.empty(5)
+    count, person = len(pieces), np.empty(5)
     lens, spread = _lens_of(problem, numbers[4], numbers[5]), _spread_of(problem)
     outlines, slopes, rates = np.empty((count, 5)), np.empty((count, 4, ERRORS)), np.empty(count)
     mean, covariance = np.empty(ERRORS), np.empty((ERRORS, ERRORS))
@@ -462,7 +491,7 @@ def _pictured(
     for d in range(kinds[3] - kinds[2]):
         density = numbers[1] * math.exp(numbers[2])
         for k in range(count):
-            share = problem.given_labels[kinds[1] + d, labels[k]]
+            share = shares[kinds[1] + d, k]
             if share > 0.0 and rates[k] > 0.0:
                 set_errors(pieces[k], spread, mean, covariance)
                 box = problem.given_rows[kinds[2] + d]
@@ -490,6 +519,52 @@ def _number(problem: Problem, camera: Array, s: int) -> float:
 
 
 @inner
+def _term(
+    problem: Problem,
+    cache: Cache,
+    n: int,
+    camera: Array,
+    s: int,
+    pieces: Array,
+    turns: Array,
+    owners: Ints,
+    shares: Array,
+) -> float:
+    """Log-likelihood of one statement, nats."""
+    kind = problem.given_kinds[s, 0]
+    if kind == NUMBER:
+        value = _number(problem, camera, s)
+    elif kind == OBJECT:
+        value = _object(problem, camera, s, pieces, turns, shares)
+    elif kind == PRESENCE:
+        value = _presence(problem, s, pieces, shares)
+    elif kind == ROOM:
+        value = _room(problem, cache, s, pieces, turns)
+    elif kind == POINT:
+        value = _point(problem, cache, camera, s)
+    elif kind == DEPTH:
+        value = _depth(problem, cache, camera, s)
+    elif kind == CONTACT:
+        value = _contact(problem, cache, s, owners, shares, n)
+    elif kind == SAME_OBJECT:
+        value = _same_object(problem, cache, s, owners, shares, n)
+    elif kind == BEHIND:
+        value = _behind(problem, s, pieces, turns, shares)
+    else:
+        value = _pictured(problem, cache, camera, s, pieces, turns, shares)
+    return float(value)
+
+
+@inner
+def _most_pieces(cache: Cache, n: int) -> int:
+    """Number of boxes of a proposal, which has at most as many objects."""
+    most = 0
+    for i in range(n):
+        most += cache.counts[cache.slots[1, i]]
+    return most
+
+
+@inner
 def sum_given(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
     """The log-likelihood of all statements, each raised to its power, nats.
 
@@ -506,33 +581,61 @@ def sum_given(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
     -------
     float
     """
-    most = 0
-    for i in range(n):
-        most += cache.counts[cache.slots[1, i]]
+    most = _most_pieces(cache, n)
     pieces, turns = np.empty((most, PIECE)), np.empty((most, 2))
     owners, total = np.full(len(cache.boxes), -1, np.int64), 0.0
     labels = _find_pieces(problem, cache, n, pieces, turns, owners)
+    pieces, turns, shares = (
+        pieces[: len(labels)],
+        turns[: len(labels)],
+        _find_shares(problem, labels),
+    )
     for s in range(len(problem.given)):
-        kind = problem.given_kinds[s, 0]
-        if kind == NUMBER:
-            value = _number(problem, camera, s)
-        elif kind == OBJECT:
-            value = _object(problem, camera, s, pieces, turns, labels)
-        elif kind == PRESENCE:
-            value = _presence(problem, s, pieces, labels)
-        elif kind == ROOM:
-            value = _room(problem, cache, s, pieces, turns, labels)
-        elif kind == POINT:
-            value = _point(problem, cache, camera, s)
-        elif kind == DEPTH:
-            value = _depth(problem, cache, camera, s)
-        elif kind == CONTACT:
-            value = _contact(problem, cache, s, owners, labels, n)
-        elif kind == SAME_OBJECT:
-            value = _same_object(problem, cache, s, owners, labels, n)
-        elif kind == BEHIND:
-            value = _behind(problem, s, pieces, turns, labels)
-        else:
-            value = _pictured(problem, cache, camera, s, pieces, turns, labels)
+        value = _term(problem, cache, n, camera, s, pieces, turns, owners, shares)
         total += problem.given_power[s] * value
     return total
+
+
+@compiled
+def weigh_labels(evaluator: Evaluator, n: int, camera: Array) -> tuple[Array, Ints, Array]:
+    """Log-likelihood of all statements for each true label that a piece may have.
+
+    Parameters
+    ----------
+    evaluator : Evaluator
+        Its last proposal is the state.
+    n : int
+        Number of scenelets of the state.
+    camera : (5,) float
+
+    Returns
+    -------
+    pieces : (k, 7) float
+        Bounding boxes of the state's objects, see :data:`PIECE`.
+    labels : (k,) int
+        Their categories in the scenelets.
+    values : (k, C) float
+        Nats; the labels of all other pieces are summed out.
+    """
+    problem, cache = evaluator.problem, evaluator.cache
+    most = _most_pieces(cache, n)
+    pieces, turns = np.empty((most, PIECE)), np.empty((most, 2))
+    owners = np.full(len(cache.boxes), -1, np.int64)
+    labels = _find_pieces(problem, cache, n, pieces, turns, owners)
+    pieces, turns, shares = (
+        pieces[: len(labels)],
+        turns[: len(labels)],
+        _find_shares(problem, labels),
+    )
+    values = np.zeros((len(labels), len(problem.label_kinds)))
+    for k in range(len(labels)):
+        summed_out = shares[:, k].copy()
+        for label in range(values.shape[1]):
+            if problem.label_kinds[labels[k], label] > 0.0:
+                shares[:, k] = problem.given_labels[:, label]
+                for s in range(len(problem.given)):
+                    values[k, label] += _term(
+                        problem, cache, n, camera, s, pieces, turns, owners, shares
+                    )
+        shares[:, k] = summed_out
+    return pieces, labels, values

@@ -88,7 +88,7 @@ def test_counts() -> None:
 
 def test_probabilities_of_presence() -> None:
     def claim(label: str, x: float, y: float, probability: float) -> Claim:
-        return Claim(probability, label, (piece(label, x, y),))
+        return Claim(probability, {label: 1.0}, (piece(label, x, y),))
 
     # The chair is there, a bed is not, and nobody thinks of the shelf.
     square, log = presence_scores((claim("chair", 0.3, 4, 0.9), claim("bed", 0, 8, 0.2)), truth())
@@ -97,14 +97,14 @@ def test_probabilities_of_presence() -> None:
 
 
 def test_labels() -> None:
-    def claim(probability: float, x: float, y: float, *labels: str) -> Claim:
-        return Claim(probability, labels[0], tuple(piece(label, x, y) for label in labels))
+    def claim(probability: float, x: float, y: float, label: str, **labels: float) -> Claim:
+        return Claim(probability, {label: 1.0} | labels, (piece(label, x, y),))
 
-    near = claim(0.9, 0.3, 4, "stool", "stool", "chair", "stool")
+    near = claim(0.9, 0.3, 4, "stool", stool=0.75, chair=0.25)
     found = label_scores((near, claim(0.4, 0.3, 4, "chair"), claim(1.0, 0, 8, "bed")), truth())
     assert (found.count, found.right, found.expected) == (1, 0, 0.75)
     assert found.logarithmic == pytest.approx(-np.log(0.25))
-    # A label that no draw has.
+    # A label that is not listed.
     found = label_scores((claim(0.9, 0.3, 4, "stool"),), truth())
     assert found.logarithmic == pytest.approx(-np.log(0.0025))
     found = label_scores((claim(0.9, 0.3, 4, "chair"),), truth())

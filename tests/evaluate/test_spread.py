@@ -104,7 +104,7 @@ def test_size_is_removed_and_nothing_else(rng: np.random.Generator) -> None:
 
 
 def claim(label: str, centres: np.ndarray, probability: float) -> Claim:
-    return Claim(probability, label, tuple(piece(label, x, y) for x, y in centres))
+    return Claim(probability, {label: 1.0}, tuple(piece(label, x, y) for x, y in centres))
 
 
 def test_objects_are_ranked_in_their_own_claims(rng: np.random.Generator) -> None:

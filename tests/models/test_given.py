@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
-from itertools import product
+from itertools import permutations, product
 
 import numpy as np
 import pytest
@@ -19,11 +19,12 @@ from imapper_prob.models.log_posterior import (
     State,
     camera_at,
     empty_state,
+    label_probabilities,
     log_posterior,
     motion,
     terms,
 )
-from imapper_prob.models.problem import Problem, labels_of
+from imapper_prob.models.problem import Problem, label_kinds, labels_of
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import SIDE_SPREAD, ModelSettings
@@ -41,6 +42,7 @@ from tests.models import worlds
 
 LIBRARY = worlds.mixed_library()
 AHEAD, ASIDE = ModelSettings().furniture_ahead, ModelSettings().furniture_aside
+CONFUSION = ModelSettings().seat_confusion
 REGION = ((-1.5, 2.0), (1.0, 2.2), (1.2, 4.5), (-0.2, 3.4), (-1.4, 4.4))
 """A room that is not convex."""
 
@@ -69,7 +71,7 @@ def state() -> State:
 
 
 def given(statement: Statement, at: State | None = None, of: Problem | None = None) -> float:
-    told = tell(problem(0.0) if of is None else of, [statement], clip(), LIBRARY)
+    told = tell(problem(0.0) if of is None else of, [statement], clip(), labels_of(LIBRARY))
     check_problem(told)
     return terms(told, state() if at is None else at)["given"]
 
@@ -118,12 +120,25 @@ def answered(probability: float, doubt: float) -> float:
     return math.log((1 - doubt) * probability + doubt / 2)
 
 
+def share(label: str, said: tuple[str, ...]) -> float:
+    """Probability that an object whose scenelet has a label is truly of one of those said."""
+    of_seats = {"couch": 0.0, "chair": 0.0, "stool": 0.0, "table": 0.0}
+    for scenelet in LIBRARY:
+        for kind in scenelet.labels:
+            of_seats[kind] += scenelet.weight * (kind != "table")
+    if not of_seats[label]:
+        return float(label in said)
+    any_seat = sum(of_seats[kind] for kind in said) / sum(of_seats.values())
+    return (1 - CONFUSION) * (label in said) + CONFUSION * any_seat
+
+
 def reference_object(said: im.ObjectAt) -> float:
-    density, found, area = 0.0, [p for p in pieces(state()) if p.label in said.labels], 1.0
+    density, area = 0.0, 1.0
     values = [v for part in (said.place, said.size, said.box) if part for v in part]
-    for piece in found:
-        own = multivariate_normal.pdf(values, *measured(piece, state(), said))
-        density += own / len(found)
+    shares = np.array([share(p.label, said.labels) for p in pieces(state())])
+    for piece, own in zip(pieces(state()), shares, strict=True):
+        density += own * multivariate_normal.pdf(values, *measured(piece, state(), said))
+    density *= (1 - np.prod(1 - shares)) / shares.sum()
     area *= 100.0 if said.place else 1.0
     area *= 27.0 if said.size else 1.0
     area *= (1920 * 1080 / 2) ** 2 if said.box else 1.0
@@ -168,17 +183,18 @@ def test_an_object_is_in_a_region_as_far_as_it_is_inside(labels: str, there: boo
     said = im.Presence(labels, there=there, region=REGION, doubt=0.02)
     none = np.prod(
         [
-            norm.sf(signed(p.centre[:2]) / softened(p, said.std))
+            1 - share(p.label, said.labels) * norm.cdf(signed(p.centre[:2]) / softened(p, said.std))
             for p in pieces(state())
-            if p.label in said.labels
         ]
     )
     assert given(said) == pytest.approx(answered(1 - none if there else none, 0.02), rel=1e-9)
 
 
 def test_an_object_is_anywhere_or_nowhere() -> None:
-    assert given(im.Presence("chair", doubt=0.1)) == pytest.approx(math.log(0.95))
-    assert given(im.Presence("chair", there=False, doubt=0.1)) == pytest.approx(math.log(0.05))
+    none = (1 - share("couch", ("chair",))) * (1 - share("chair", ("chair",)))
+    for there, true in ((True, 1 - none), (False, none)):
+        said = im.Presence("chair", there=there, doubt=0.1)
+        assert given(said) == pytest.approx(answered(true, 0.1))
 
 
 def test_furniture_and_person_are_inside_the_walls() -> None:
@@ -225,33 +241,31 @@ def test_depths_share_the_error_of_their_scale(scale_error: float) -> None:
     assert given(said) == pytest.approx(expected - np.log(said.depths).sum())
 
 
-def touched(label: str, span: tuple[int, int], sits: bool) -> float:
-    """How far inside reach the nearest box of a label is, the least over frames; metres."""
-    least = math.inf
-    for t in range(span[0], span[1] + 1):
-        best = -math.inf
-        for j in (PELV,) if sits else (PELV, RKNE, LKNE, RWRI, LWRI):
-            point = motion(problem(0.0), state())[t, j]
-            for piece in (o for _, o in placed_objects(state(), LIBRARY) if o.label == label):
-                x, y = piece.placement.rotation.T @ (
-                    point[:2] - [piece.placement.x, piece.placement.y]
-                )
-                for part in piece.cuboids:
-                    outside = np.abs([x, y, point[2]] - part.centre) - part.size / 2
-                    aside = np.linalg.norm(np.maximum(outside[:2], 0))
-                    top = part.centre[2] + part.size[2] / 2
-                    on = min(0.25 - abs(point[2] - top), 0.125 - aside)
-                    near = 0.25 - np.linalg.norm(np.maximum(outside, 0))
-                    best = max(best, on if sits else near)
-        least = min(least, best)
-    return least
+def touched(label: str, t: int, sits: bool) -> float:
+    """Probability that an object, by the label of its scenelet, is within reach in a frame."""
+    best = -math.inf
+    for j in (PELV,) if sits else (PELV, RKNE, LKNE, RWRI, LWRI):
+        point = motion(problem(0.0), state())[t, j]
+        for piece in (o for _, o in placed_objects(state(), LIBRARY) if o.label == label):
+            x, y = piece.placement.rotation.T @ (point[:2] - [piece.placement.x, piece.placement.y])
+            for part in piece.cuboids:
+                outside = np.abs([x, y, point[2]] - part.centre) - part.size / 2
+                aside = np.linalg.norm(np.maximum(outside[:2], 0))
+                top = part.centre[2] + part.size[2] / 2
+                on = min(0.25 - abs(point[2] - top), 0.125 - aside)
+                near = 0.25 - np.linalg.norm(np.maximum(outside, 0))
+                best = max(best, on if sits else near)
+    return float(norm.cdf(best / 0.05))
 
 
 @pytest.mark.parametrize("sits", [True, False])
 @pytest.mark.parametrize("span", [(1, 4), (14, 17), (5, 14)])
 def test_somebody_touches_an_object_all_through(sits: bool, span: tuple[int, int]) -> None:
     said = im.Contact("couch", *span, sits=sits, doubt=0.01)
-    probability = norm.cdf(touched("couch", span, sits) / 0.05)
+    probability = min(
+        1 - np.prod([1 - share(o, said.labels) * touched(o, t, sits) for o in ("couch", "chair")])
+        for t in range(span[0], span[1] + 1)
+    )
     assert given(said) == pytest.approx(answered(probability, 0.01), rel=1e-6)
 
 
@@ -263,9 +277,14 @@ def test_somebody_touches_an_object_all_through(sits: bool, span: tuple[int, int
 def test_one_object_is_touched_in_all_spans(sits, labels, spans) -> None:
     """The couch that stands twice is one; a couch and then a chair are not."""
     said = im.SameObject(labels, spans, sits=sits, doubt=0.01)
-    best = max(min(touched(label, span, sits) for span in spans) for label in said.labels)
-    expected = answered(norm.cdf(best / 0.05), 0.01)
-    assert given(said) == pytest.approx(expected, rel=1e-6)
+    frames = [t for first, last in spans for t in range(first, last + 1)]
+    none = np.prod(
+        [
+            1 - share(o, said.labels) * min(touched(o, t, sits) for t in frames)
+            for o in ("couch", "chair")
+        ]
+    )
+    assert given(said) == pytest.approx(answered(1 - none, 0.01), rel=1e-6)
 
 
 @pytest.mark.parametrize("yaw", [-0.5, 1.2])
@@ -273,16 +292,17 @@ def test_one_object_is_touched_in_all_spans(sits, labels, spans) -> None:
 @pytest.mark.parametrize("labels", [("chair", "couch"), ("couch", "chair")])
 def test_one_object_is_behind_another_as_the_camera_sees_them(labels, aside, yaw) -> None:
     moved = state().with_placement(2, np.array([aside, 5.6, yaw]), 0.01)
-    by_label = {piece.label: piece for piece in pieces(moved)}
-    back, front = (by_label[label] for label in labels)
-    far, near = (np.hypot(*piece.centre[:2]) for piece in (back, front))
-    angles = [np.arctan2(*piece.footprint.T) for piece in (back, front)]
-    overlap = min(a.max() for a in angles) - max(a.min() for a in angles)
-    one, two = softened(back, 0.0), softened(front, 0.0)
-    probability = norm.cdf((far - near) / math.hypot(one, two))
-    probability *= norm.cdf(overlap / math.hypot(one / far, two / near))
+    none = 1.0
+    for back, front in permutations(pieces(moved)):
+        far, near = (np.hypot(*piece.centre[:2]) for piece in (back, front))
+        angles = [np.arctan2(*piece.footprint.T) for piece in (back, front)]
+        overlap = min(a.max() for a in angles) - max(a.min() for a in angles)
+        one, two = softened(back, 0.0), softened(front, 0.0)
+        probability = norm.cdf((far - near) / math.hypot(one, two))
+        probability *= norm.cdf(overlap / math.hypot(one / far, two / near))
+        none *= 1 - share(back.label, labels[:1]) * share(front.label, labels[1:]) * probability
     said = im.Behind(*labels, doubt=0.02)
-    assert given(said, moved) == pytest.approx(answered(probability, 0.02), rel=1e-9)
+    assert given(said, moved) == pytest.approx(answered(1 - none, 0.02), rel=1e-9)
 
 
 def test_nothing_is_behind_what_is_not_there() -> None:
@@ -317,11 +337,89 @@ def test_what_is_seen_is_a_poisson_process_of_boxes() -> None:
             own = im.ObjectAt(piece.label, box=box, box_std=30.0)
             density += (
                 rate
-                * confusion.get(piece.label, 0.0)
+                * sum(chance * share(piece.label, (kind,)) for kind, chance in confusion.items())
                 * multivariate_normal.pdf(box, *measured(piece, state(), own))
             )
         expected += math.log(density)
     assert given(said) == pytest.approx(expected, rel=1e-6)
+
+
+# ------------------------------------------------------------------------------------------------
+# True labels.
+
+
+def as_kinds(**kinds: str) -> Problem:
+    """The problem if objects with these labels in their scenelets truly have those."""
+    names, rows = labels_of(LIBRARY), problem(0.0).label_kinds.copy()
+    for label, kind in kinds.items():
+        rows[names.index(label)] = [name == kind for name in names]
+    return problem(0.0)._replace(label_kinds=rows)
+
+
+def test_a_seat_may_be_another_one_and_a_table_may_not() -> None:
+    names, kinds = labels_of(LIBRARY), label_kinds(LIBRARY, CONFUSION)
+    expected = [[share(label, (kind,)) for kind in names] for label in names]
+    np.testing.assert_allclose(kinds, expected)
+    np.testing.assert_array_equal(label_kinds(LIBRARY, 0.0), np.eye(len(names)))
+    bare = Library("bare", tuple(s for s in LIBRARY if not s.objects))
+    assert label_kinds(bare, CONFUSION).shape == (0, 0)
+    table = replace(LIBRARY[0], objects=(worlds.couch(label="table"),))
+    assert label_kinds(Library("table", (table,)), CONFUSION).tolist() == [[1.0]]
+    mixed = Library("more", (*LIBRARY, replace(table, name="table")))
+    expected = [[share(label, (kind,)) for kind in labels_of(mixed)] for label in labels_of(mixed)]
+    np.testing.assert_allclose(label_kinds(mixed, CONFUSION), expected)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        im.Presence("chair", region=REGION, doubt=0.02),
+        im.Presence(("couch", "chair"), there=False, doubt=0.02),
+        im.SameObject("couch", [(1, 4), (7, 9)], sits=False, doubt=0.01),
+        im.Seen(16, (BOX,), ({"couch": 0.8, "chair": 0.3},)),
+    ],
+)
+def test_labels_are_summed_out(said: Statement) -> None:
+    """The couch and the chair have independent labels."""
+    seats, total = [n for n in labels_of(LIBRARY) if n != "table"], 0.0
+    for couch, chair in product(seats, repeat=2):
+        prior = share("couch", (couch,)) * share("chair", (chair,))
+        total += prior * math.exp(given(said, of=as_kinds(couch=couch, chair=chair)))
+    assert given(said) == pytest.approx(math.log(total))
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        [im.Presence("couch", region=REGION)],
+        [im.ObjectAt("chair", place=(1.0, 5.4), place_std=0.4, doubt=0.05)],
+        [im.Contact("couch", 3, 8, sits=False, doubt=0.1), im.Behind("chair", "couch", doubt=0.1)],
+        [im.Measured("height", 1.6, 0.1), im.Seen(16, (BOX,), ({"couch": 0.8, "chair": 0.3},))],
+        [],
+    ],
+)
+def test_statements_say_which_label_an_object_has(said: list[Statement]) -> None:
+    names = labels_of(LIBRARY)
+    told = tell(problem(), said, clip(), labels_of(LIBRARY))
+    centres, labels, found = label_probabilities(told, state())
+    assert [names[k] for k in labels] == ["couch", "chair"]
+    np.testing.assert_allclose(centres, [p.centre for p in pieces(state())])
+    for own, row in zip(("couch", "chair"), found, strict=True):
+        expected = np.zeros(len(names))
+        for k, kind in enumerate(names):
+            prior = share(own, (kind,))
+            if prior:
+                likelihood = sum(given(s, of=as_kinds(**{own: kind})) for s in said)
+                expected[k] = prior * math.exp(likelihood)
+        np.testing.assert_allclose(row, expected / expected.sum(), rtol=1e-7)
+
+
+def test_an_empty_scene_has_no_labels() -> None:
+    told = tell(problem(), [im.Presence("couch")], clip(), labels_of(LIBRARY))
+    centres, labels, found = label_probabilities(told, empty_state(problem()))
+    assert centres.shape == (0, 3)
+    assert labels.shape == (0,)
+    assert found.shape == (0, len(labels_of(LIBRARY)))
 
 
 # ------------------------------------------------------------------------------------------------
@@ -375,7 +473,8 @@ def test_as_many_boxes_are_seen_as_are_expected() -> None:
         outline, covariance = measured(piece, state(), own)
         root = np.linalg.cholesky(covariance)
         said = im.Seen(2, (BOX,), ({piece.label: 1.0},), std=40.0, clutter=0.001)
-        told = tell(problem(0.0), [said], clip(), LIBRARY)
+        as_in_scenelets = problem(0.0)._replace(label_kinds=np.eye(len(labels_of(LIBRARY))))
+        told = tell(as_in_scenelets, [said], clip(), labels_of(LIBRARY))
         # Sums over a grid of a step of one deviation are all but exact; beyond three is .1 %.
         for steps in product(np.arange(-3.0, 4.0), repeat=4):
             box = outline + root @ np.array(steps)
@@ -403,7 +502,7 @@ ALL: tuple[Statement, ...] = (
 
 
 def test_chains_and_whole_states_agree_on_what_is_given(rng: np.random.Generator) -> None:
-    told = tell(problem(), ALL, clip(), LIBRARY)
+    told = tell(problem(), ALL, clip(), labels_of(LIBRARY))
     at, bare = state(), problem()
     chain = Incremental(told, at)
     for _ in range(60):
@@ -429,14 +528,14 @@ def test_chains_and_whole_states_agree_on_what_is_given(rng: np.random.Generator
 
 
 def test_the_published_energy_has_the_same_term() -> None:
-    paper = tell(problem(energy="paper"), ALL, clip(), LIBRARY)
-    ours = tell(problem(), ALL, clip(), LIBRARY)
+    paper = tell(problem(energy="paper"), ALL, clip(), labels_of(LIBRARY))
+    ours = tell(problem(), ALL, clip(), labels_of(LIBRARY))
     assert terms(paper, state())["given"] == pytest.approx(terms(ours, state())["given"])
     assert terms(paper, state())["given"] != 0.0
 
 
 def test_statements_add_up_and_have_a_power() -> None:
-    told = tell(problem(), ALL, clip(), LIBRARY)
+    told = tell(problem(), ALL, clip(), labels_of(LIBRARY))
     each = [given(statement) for statement in ALL]
     assert terms(told, state())["given"] == pytest.approx(sum(each))
     half = told._replace(given_power=0.5 * told.given_power)
@@ -483,7 +582,7 @@ def test_statements_add_up_and_have_a_power() -> None:
 )
 def test_what_no_scene_can_be_is_refused(statements: list[Statement], words: str) -> None:
     with pytest.raises(im.InputError, match=words):
-        check_statements(statements, clip(), LIBRARY)
+        check_statements(statements, clip(), labels_of(LIBRARY))
 
 
 @pytest.mark.parametrize(
@@ -533,7 +632,7 @@ def test_frames_of_the_second_person_follow_those_of_the_first() -> None:
         im.DepthOf((5, 7), (3.0, 3.1), 0.1, person=2),
         im.SameObject("couch", [(4, 9), (1, 2)], people=[2, 1]),
     ]
-    told = tell(problem(0.0), said, two, LIBRARY)
+    told = tell(problem(0.0), said, two, labels_of(LIBRARY))
     assert told.given_kinds[:2, 5:].tolist() == [[23, 24], [24, 30]]
     assert told.given_rows[:, 0].tolist() == [25, 27, 24, 1]
     assert told.given_rows[2:, 1].tolist() == [30, 3]
@@ -541,11 +640,9 @@ def test_frames_of_the_second_person_follow_those_of_the_first() -> None:
 
 def test_a_part_of_a_library_numbers_labels_as_the_whole() -> None:
     """A run keeps only the scenelets that some draw has."""
-    chosen = [2, 5]
-    part = of_scenelets(problem(0.0), chosen)
-    library = Library("part", tuple(LIBRARY[k] for k in chosen))
-    assert labels_of(library) == ["chair"]
+    part, labels = of_scenelets(problem(0.0), [2, 5]), labels_of(LIBRARY)
     said = [im.Presence("chair")]
-    by_part = tell(part, said, clip(), library)
-    by_whole = tell(part, said, clip(), LIBRARY)
+    by_part, by_whole = (tell(p, said, clip(), labels) for p in (part, problem(0.0)))
+    check_problem(by_part)
+    np.testing.assert_array_equal(by_part.label_kinds, by_whole.label_kinds)
     np.testing.assert_array_equal(by_part.given_labels, by_whole.given_labels)

@@ -54,6 +54,7 @@ def small_tree(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, xr.DataT
         ("problem/joint_first", 10**9, "joint_first does not fit"),
         ("problem/box_first", 10**9, "box_first does not fit"),
         ("problem/box_object", 10**9, "box_object points at nothing"),
+        ("problem/label_kinds", 0.9, "label_kinds has rows that are no probabilities"),
         ("problem/path_mean", np.nan, "path_mean has a number that is not finite"),
         ("draws/start", 10**9, "stick out of the clip"),
         ("draws/scenelet", 10**9, "unknown scenelet"),
@@ -81,6 +82,29 @@ def test_numbers_that_compiled_code_would_trust_are_refused(
     values = array.values.copy()
     values.reshape(-1)[0] = value
     changed[variable] = array.copy(data=values)
+    monkeypatch.setattr(xr, "open_datatree", lambda *_, **__: changed)
+    with pytest.raises(InputError, match=words):
+        load_posterior(path)
+
+
+@pytest.mark.parametrize(
+    ("categories", "words"),
+    [
+        ("[" * 100_000, "categories are no list"),
+        ('{"couch": 1}', "categories are no list"),
+        ('["couch"]', "other categories"),
+        ('["a", "b", "c", "d", "e", "f", "g", "h"]', "other categories"),
+    ],
+)
+def test_labels_that_are_not_those_of_the_library_are_refused(
+    small_tree: tuple[Path, xr.DataTree],
+    monkeypatch: pytest.MonkeyPatch,
+    categories: str,
+    words: str,
+) -> None:
+    path, tree = small_tree
+    changed = tree.copy()
+    changed.attrs["categories"] = categories
     monkeypatch.setattr(xr, "open_datatree", lambda *_, **__: changed)
     with pytest.raises(InputError, match=words):
         load_posterior(path)

@@ -17,7 +17,7 @@ from scipy.stats import norm
 import imapper_prob as im
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.log_posterior import empty_state
-from imapper_prob.models.problem import Problem
+from imapper_prob.models.problem import Problem, label_kinds, labels_of
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.statement_rows import tell
 from imapper_prob.models.statements import Statement
@@ -43,9 +43,13 @@ SETTINGS = SampleSettings(
     chains=4, steps=3000, draws=300, temperatures=3, burn_in=0.2, ensemble_steps=0
 )
 SURE = im.Presence("chair", doubt=DOUBT)
-EVIDENCE = (1 - DOUBT) * CHAIR + DOUBT / 2
-CERTAIN = ((1 - DOUBT) * CHAIR + DOUBT / 2 * CHAIR) / EVIDENCE
-"""Of the statement, and the probability of a chair given it."""
+OF_CHAIR, OF_COUCH = label_kinds(LIBRARY, ModelSettings().seat_confusion)[:, 0].tolist()
+"""Probability that the seat of a scenelet with a chair, or of one with a couch, is a chair."""
+TRUE_CHAIR = CHAIR * (OF_CHAIR + 2 * OF_COUCH)
+"""Probability that there is a chair: two of the three scenelets have a couch."""
+EVIDENCE = (1 - DOUBT) * TRUE_CHAIR + DOUBT / 2
+CERTAIN = ((1 - DOUBT) * OF_CHAIR + DOUBT / 2) * CHAIR / EVIDENCE
+"""Of the statement, and the probability of the scenelet with a chair given it."""
 
 
 @cache
@@ -60,7 +64,7 @@ def cast() -> JointProblem:
 
 
 def told(statements: list[Statement]) -> Problem:
-    return tell(cast().problem, statements, cast().clip, LIBRARY)
+    return tell(cast().problem, statements, cast().clip, labels_of(LIBRARY))
 
 
 @cache
@@ -69,7 +73,7 @@ def samples() -> Samples:
 
 
 def shares(drawn: Samples) -> tuple[np.ndarray, np.ndarray]:
-    """(C, N) whether there is a chair, and the height of the camera."""
+    """(C, N) whether the scenelet with a chair is there, and the height of the camera."""
     chair = [any(s.items[:, 0] == 2) for s in drawn.states]
     height = [s.camera[1] for s in drawn.states]
     return np.reshape(chair, drawn.shape).astype(float), np.reshape(height, drawn.shape)
@@ -102,7 +106,7 @@ def test_weights_give_the_same_posterior_and_the_bayes_factor() -> None:
     said = im.Measured("height", 1.6, 0.1)
     values = statement_values(told([doubtful, said]), samples().states)
     found = reweigh(values.reshape(samples().shape))
-    evidence = 0.6 * CHAIR + 0.2
+    evidence = 0.6 * TRUE_CHAIR + 0.2
     exact = math.log(evidence) + norm.logpdf(1.6, 1.5, math.hypot(0.1, 0.1))
     assert found.good
     assert abs(found.log_ratio - exact) < 4 * found.error
@@ -112,7 +116,7 @@ def test_weights_give_the_same_posterior_and_the_bayes_factor() -> None:
     chosen = reweighted(samples(), found, values, SETTINGS, np.random.default_rng(0))
     assert len(chosen.states) == pytest.approx(found.effective, abs=4)
     chair, height = shares(chosen)
-    assert close(chair, (0.6 + 0.2) * CHAIR / evidence)
+    assert close(chair, (0.6 * OF_CHAIR + 0.2) * CHAIR / evidence)
     assert close(height, 1.55)
 
 

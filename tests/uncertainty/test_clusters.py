@@ -34,6 +34,22 @@ def test_a_room_known_by_hand() -> None:
     assert dict(second.labels) == {"table": 1.0}
 
 
+def test_labels_may_be_others_than_those_of_scenelets() -> None:
+    stool, chair = piece("stool", 1.0, 4.0), piece("chair", 1.1, 4.0)
+    told = [[{"stool": 0.3, "chair": 0.6, "couch": 0.1}], [{"chair": 0.2, "couch": 0.8}]]
+    (cluster,) = object_clusters([[stool], [chair]], log_posterior(2), radius=0.8, labels=told)
+    assert list(cluster.labels.items()) == [
+        ("couch", pytest.approx(0.45)), ("chair", pytest.approx(0.4)),
+        ("stool", pytest.approx(0.15)),
+    ]  # fmt: skip
+    # No scenelet has the most probable label, so that any member may be typical.
+    assert cluster.typical in (stool, chair)
+    rare = [[{"stool": 0.9995, "couch": 0.0005}]] * 2
+    (cluster,) = object_clusters([[stool], [chair]], log_posterior(2), radius=0.8, labels=rare)
+    assert list(cluster.labels) == ["stool"]
+    assert cluster.typical == stool
+
+
 def test_no_draw_has_two_in_one_cluster(rng: np.random.Generator) -> None:
     draws = [
         [piece("chair", *rng.normal((x, 4), 0.15)) for x in rng.permutation([0.0, 0.7])]

@@ -9,20 +9,22 @@ import numpy as np
 import pytest
 
 import imapper_prob as im
+from imapper_prob.layouts import placed_objects
 from imapper_prob.models.log_posterior import State, camera_at, empty_state
-from imapper_prob.models.problem import Problem
+from imapper_prob.models.problem import Problem, labels_of
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.settings import SIDE_SPREAD, ModelSettings
 from imapper_prob.models.statement_rows import tell
 from imapper_prob.models.statements import Statement
 from imapper_prob.uncertainty.estimate import drawn_objects
-from imapper_prob.uncertainty.told import as_told
+from imapper_prob.uncertainty.told import as_told, label_shares
 from tests.models import worlds
 
 SETTINGS = ModelSettings(likelihood=0.0)
 DRAWS = 4000
 PIECES = (worlds.couch(-0.7, 6.0, 0.7), worlds.couch(1.2, 7.0, -0.4, label="chair"))
 """Far enough to be in the picture as a whole."""
+CERTAIN = np.eye(2)
 
 
 @cache
@@ -35,15 +37,23 @@ def state() -> State:
     return empty_state(problem())
 
 
-def told(rng: np.random.Generator, *said: Statement) -> list[tuple[SceneObject, ...]]:
-    """The pieces as measured, many times."""
+def asked_of(kinds: np.ndarray | None, said: tuple[Statement, ...]) -> Problem:
+    """The problem with statements, and with other probabilities of true labels if given."""
     clip = worlds.clip_of(worlds.walk(12, depth=9.0), np.random.default_rng(0))
-    asked = tell(problem(), said, clip, worlds.library())
+    asked = tell(problem(), said, clip, labels_of(worlds.library()))
+    return asked if kinds is None else asked._replace(label_kinds=kinds)
+
+
+def told(
+    rng: np.random.Generator, *said: Statement, kinds: np.ndarray | None = CERTAIN
+) -> list[tuple[SceneObject, ...]]:
+    """The pieces as measured, many times; they are what their scenelets call them."""
+    asked = asked_of(kinds, said)
     camera = camera_at(worlds.CAMERA, state().camera)
     return [
         as_told(
             rng, PIECES, drawn_objects(rng, PIECES, SETTINGS), said,
-            problem=asked, state=state(), camera=camera,
+            problem=asked, names=labels_of(worlds.library()), state=state(), camera=camera,
         )
         for _ in range(DRAWS)
     ]  # fmt: skip
@@ -150,3 +160,55 @@ def test_a_box_of_one_of_two_pieces_goes_to_either(rng: np.random.Generator) -> 
     assert share.sum() == pytest.approx(1.0)
     # Boxes this inexact hardly tell them apart, and the detector says chair twice as often.
     assert 0.5 < share[1] < 0.8
+
+
+def first_is_measured(found: list[tuple[SceneObject, ...]]) -> float:
+    """How often the first piece has other sides than in its scenelet, and never both or none."""
+    changed = np.array(
+        [
+            [bool(np.abs(errors_of(o, p)[2:]).max() > 1e-9) for o, p in zip(d, PIECES, strict=True)]
+            for d in found
+        ]
+    )
+    assert np.all(changed.sum(1) == 1)
+    return float(changed[:, 0].mean())
+
+
+def test_a_measured_couch_may_be_a_chair_in_its_scenelet(rng: np.random.Generator) -> None:
+    """Which piece was measured is drawn with its probability of being a couch."""
+    size = im.ObjectAt("couch", size=(1.6, 0.8, 0.95), size_std=9.0, doubt=1e-12)
+    couch, chair = problem().label_kinds[[1, 0], 1].tolist()
+    assert couch > chair > 0
+    # A size this inexact tells nothing.
+    found = first_is_measured(told(rng, size, kinds=None))
+    assert found == pytest.approx(couch / (couch + chair), abs=4 * 0.5 / np.sqrt(DRAWS))
+    # A detector that confuses the two as often as the scenelets do says as much.
+    box = tuple(((box_of(PIECES[0]) + box_of(PIECES[1])) / 2).tolist())
+    sure, confused = (
+        im.Seen(2, (box,), (labels,), std=400.0, clutter=1e-12)
+        for labels in ({"couch": 1.0}, {"couch": couch, "chair": chair})
+    )
+    found = first_is_measured(told(rng, sure, kinds=None))
+    expected = first_is_measured(told(rng, confused))
+    assert found == pytest.approx(expected, abs=4 * 0.5 * np.sqrt(2 / DRAWS))
+
+
+def test_each_object_has_the_labels_that_statements_leave() -> None:
+    names = labels_of(worlds.library())
+    assert names == ["chair", "couch"]
+    two = state().with_item(0, 0, np.array([-0.7, 6.0, 0.7])).with_item(
+        2, 6, np.array([1.2, 7.0, -0.4])
+    )  # fmt: skip
+    placed = [o for _, o in placed_objects(two, worlds.library())]
+    kinds = problem().label_kinds
+    bare = label_shares(placed, problem=problem(), names=names, state=two)
+    assert bare == tuple(
+        pytest.approx(dict(zip(names, kinds[names.index(o.label)], strict=True))) for o in placed
+    )
+    asked = asked_of(None, (im.Presence("chair", there=False, doubt=1e-9),))
+    shares = label_shares(placed, problem=asked, names=names, state=two)
+    assert all(own["couch"] == pytest.approx(1.0, abs=1e-6) for own in shares)
+    # In another order, and with another object, which is not there twice.
+    again = label_shares(placed[1:], problem=asked, names=names, state=two)
+    assert again == (pytest.approx(shares[1]),)
+    assert label_shares([], problem=asked, names=names, state=state()) == ()

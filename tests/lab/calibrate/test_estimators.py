@@ -14,6 +14,7 @@ from imapper_prob.models.path_prior import remembered
 from lab.calibrate.estimators import (
     between_groups,
     change_within,
+    confusion_mean,
     correlation_length,
     jackknife_error,
     predictive_spread,
@@ -176,3 +177,21 @@ def test_the_jackknife_of_a_mean_is_its_standard_error() -> None:
     values = np.random.default_rng(3).standard_normal(9)
     without = [np.delete(values, k).mean() for k in range(9)]
     assert jackknife_error(without) == pytest.approx(values.std(ddof=1) / 3)
+
+
+@pytest.mark.parametrize("confusion", [0.1, 0.5, 0.9])
+def test_confusion_is_how_often_a_label_is_that_of_another(
+    rng: np.random.Generator, confusion: float
+) -> None:
+    population = np.array([0.5, 0.3, 0.2])
+    true = rng.choice(3, 20_000, p=population)
+    told = np.where(rng.random(len(true)) < confusion, rng.choice(3, len(true), p=population), true)
+    found = confusion_mean(np.column_stack([told == true, population[true]]))
+    # The agreement of n labels is known to less than .5 / sqrt(n), and grows by .62 a unit.
+    assert found == pytest.approx(confusion, abs=4 * 0.5 / np.sqrt(len(true)) / 0.62 + 5e-4)
+
+
+def test_confusion_without_any_label_is_what_it_was_before() -> None:
+    assert confusion_mean(np.empty((0, 2))) == pytest.approx(0.5)
+    # One label that agrees, of a population of two: the mean of c (1 - c / 2) over that of 1 - c/2.
+    assert confusion_mean([[1.0, 0.5]]) == pytest.approx((1 / 2 - 1 / 6) / (1 - 1 / 4), abs=1e-3)
