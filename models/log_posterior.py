@@ -412,9 +412,7 @@ def label_probabilities(problem: Problem, state: State) -> tuple[Array, NDArray[
     evaluator: Evaluator = open_evaluator(problem._replace(likelihood=0.0), state.n_scenelets)
     change_from(evaluator, NOWHERE, state, state)
     pieces, labels, values = weigh_labels(evaluator, state.n_scenelets, state.camera.copy())
-    shares = problem.label_kinds[labels]
-    values = np.where(shares > 0, values, -np.inf)
-    weights = shares * np.exp(values - values.max(1, keepdims=True))
+    weights = np.exp(values - values.max(1, keepdims=True))
     return pieces[:, :3], labels, weights / weights.sum(1, keepdims=True)
 
 

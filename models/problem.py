@@ -42,6 +42,7 @@ __all__ = [
     "labels_of",
     "pack_problem",
     "resample",
+    "seat_chances",
 ]
 
 Array = NDArray[np.float64]
@@ -125,9 +126,11 @@ class Problem(NamedTuple):
         Orientation of that object, radians.
     label_front : (C,) bool
         Whether front and back of the category can be told apart.
-    label_kinds : (C, C) float
-        Probability of the true category (column) of an object whose scenelet gives it a category
-        (row), see :func:`label_kinds`.
+    label_chance : (C,) float
+        Probability that the true category of any seat is this one by chance, whatever that of its
+        scenelet, see :func:`seat_chances`; 0 for other furniture.
+    label_sides : (C, 3) float
+        Mean logs of width, depth and height of the library's objects, log m.
     stays : (K, 3) float
         First frame, frame after the last, and evidence in nats from the pose for being supported.
     lowered : (L, 2) int
@@ -206,7 +209,8 @@ class Problem(NamedTuple):
     box_label: Ints
     box_yaw: Array
     label_front: NDArray[np.bool_]
-    label_kinds: Array
+    label_chance: Array
+    label_sides: Array
     stays: Array
     lowered: Ints
     log_rate: Array
@@ -369,12 +373,11 @@ def labels_of(library: Library) -> list[str]:
     return sorted({label for s in library for label in s.labels})
 
 
-def label_kinds(library: Library, confusion: float) -> Array:
-    """Probability of an object's true label given the label that it has in its scenelet.
+def seat_chances(library: Library, confusion: float) -> Array:
+    """Probability of each category to be that of a seat by chance, whatever its scenelet says.
 
-    Motion hardly distinguishes kinds of seats. A seat keeps the label of its scenelet with
-    probability 1 - confusion, and otherwise has each label with that label's share among the
-    library's seats. Other objects keep theirs.
+    Motion hardly distinguishes kinds of seats. So a seat is of the kind that it is in its scenelet
+    with probability 1 - confusion, and otherwise any of the library's seats.
 
     Parameters
     ----------
@@ -384,18 +387,41 @@ def label_kinds(library: Library, confusion: float) -> Array:
 
     Returns
     -------
-    (C, C) float
-        Rows are labels of scenelets, columns true labels, in the order of :func:`labels_of`; rows
-        sum to 1.
+    (C,) float
+        In the order of :func:`labels_of`. The sum is the confusion, or 0 without seats.
     """
     labels = labels_of(library)
-    weights, kinds = np.zeros(len(labels)), np.eye(len(labels))
+    weights = np.zeros(len(labels))
     for scenelet in library:
         for label in SEATS.intersection(scenelet.labels):
             weights[labels.index(label)] += scenelet.weight
-    seats = weights > 0
-    if seats.any():
-        kinds[seats] = (1.0 - confusion) * kinds[seats] + confusion * weights / weights.sum()
+    return confusion * weights / weights.sum() if weights.any() else weights
+
+
+def _mean_sides(library: Library) -> Array:
+    """(C, 3) mean logs of the sides of the library's objects by label, log m."""
+    sides: dict[str, list[Array]] = {label: [] for label in labels_of(library)}
+    for scenelet in library:
+        for o in scenelet.objects:
+            sides[o.label].append(np.log(np.diff(o.bounds, axis=0)[0]))
+    return np.array([np.mean(own, axis=0) for own in sides.values()]).reshape(-1, 3)
+
+
+def label_kinds(problem: Problem) -> Array:
+    """Probability of an object's true category given the one that it has in its scenelet.
+
+    Parameters
+    ----------
+    problem : Problem
+
+    Returns
+    -------
+    (C, C) float
+        Rows are categories in scenelets, columns true ones; rows sum to 1.
+    """
+    kinds, chance = np.eye(len(problem.label_chance)), problem.label_chance
+    seats = chance > 0
+    kinds[seats] = (1.0 - chance.sum()) * kinds[seats] + chance
     return kinds
 
 
@@ -487,7 +513,8 @@ def _library_arrays(
         "box_label": np.array([labels.index(o.label) for _, o in object_of], dtype=np.int64),
         "box_yaw": np.array([o.placement.yaw for _, o in object_of], dtype=np.float64),
         "label_front": np.array([label not in FRONTLESS for label in labels], dtype=np.bool_),
-        "label_kinds": label_kinds(library, settings.seat_confusion),
+        "label_chance": seat_chances(library, settings.seat_confusion),
+        "label_sides": _mean_sides(library),
         "lowered": np.array(lowered, dtype=np.int64),
         "log_rate": np.log(settings.scenelet_rate * shares / shares.sum()),
     }

@@ -53,7 +53,7 @@ _SHAPES: Final[Mapping[str, tuple[str | int, ...]]] = {
     "static_density": (2, "T", N_JOINTS, 2), "free_cost": ("T",), "joints": ("N", N_JOINTS, 3),
     "joint_facing": ("N", 2), "joint_first": ("L+1",), "boxes": ("B", 7), "box_first": ("L+1",),
     "box_object": ("B",), "box_label": ("B",), "box_yaw": ("B",), "label_front": ("C",),
-    "label_kinds": ("C", "C"),
+    "label_chance": ("C",), "label_sides": ("C", 3),
     "stays": ("K", 3), "lowered": ("L", 2), "log_rate": ("L",), "camera_mean": (5,),
     "camera_precision": (5, 5), "pose_tolerance": (N_JOINTS,), "start_mean": (2,),
     "start_variance": (2,), "paper_nats": (5,),
@@ -109,9 +109,10 @@ def check_problem(problem: Problem) -> None:
         raise InputError("path_starts does not fit the tables of the path")
     if problem.stay_steps < 1:
         raise InputError("stay_steps must be positive")
-    rows = problem.label_kinds
-    if (rows < 0).any() or not np.allclose(rows.sum(1), 1):
-        raise InputError("label_kinds has rows that are no probabilities")
+    if (problem.label_chance < 0).any() or problem.label_chance.sum() > 1 + 1e-9:
+        raise InputError("label_chance are no probabilities")
+    if not (np.abs(problem.label_sides) <= _LARGEST_LOG).all():
+        raise InputError("label_sides are of no furniture that there is")
     _check_pointers(problem, lengths)
     _check_path(problem, lengths)
     precision = problem.camera_precision

@@ -288,7 +288,7 @@ def read_source(path: Path, groups: Mapping[str, xr.Dataset]) -> StoredSource:
     said = groups["/"].attrs
     digest, categories = str(said["library_digest"]), _categories(said["categories"])
     boxes = [o.label for s in library for o in s.objects for _ in o.cuboids]
-    fit = len(categories) == len(problem.label_kinds) and len(boxes) == len(problem.box_label)
+    fit = len(categories) == len(problem.label_chance) and len(boxes) == len(problem.box_label)
     _require(
         fit and boxes == [categories[k] for k in problem.box_label.tolist()],
         "problem and library have other categories",

@@ -11,21 +11,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.kernels.given import find_shares
 from imapper_prob.models.kernels.measured import (
     ERRORS,
     find_outline,
     measure_box,
     measure_object,
+    resize,
     set_errors,
     shown,
 )
 from imapper_prob.models.log_posterior import State, label_probabilities, motion
-from imapper_prob.models.problem import Problem
+from imapper_prob.models.problem import Problem, label_kinds
 from imapper_prob.models.scene import Cuboid, SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.statements import ObjectAt, Seen, Statement
@@ -78,17 +81,21 @@ def as_told(
     if not found or not placed:
         return tuple(drawn)
     pieces = _Pieces(placed, problem, state)
-    kinds = problem.label_kinds[[names.index(o.label) for o in placed]]
+    own = [names.index(o.label) for o in placed]
     for s, said in found:
+        count = len(said.boxes) if isinstance(said, Seen) else 1
         first = problem.given_kinds[s, 1]
+        shares = np.empty((count, len(placed), 1 + len(names)))
+        for row in range(count):
+            for k, label in enumerate(own):
+                labels = problem.given_labels[first + row]
+                find_shares(problem.label_chance, labels, label, shares[row, k])
         if isinstance(said, ObjectAt):
-            shares = kinds @ problem.given_labels[first]
-            pieces.measure(rng, said, problem.given[s], shares)
+            pieces.measure(rng, said, problem.given[s], shares[0])
         else:
             joints = motion(problem, state)[problem.given_kinds[s, 5]]
-            shares = problem.given_labels[first : first + len(said.boxes)] @ kinds.T
             pieces.see(rng, said, problem.given[s], shares, _outline_of(joints, camera))
-    return pieces.standing(rng, placed, drawn)
+    return pieces.standing(rng, placed, drawn, names)
 
 
 def label_shares(
@@ -112,7 +119,7 @@ def label_shares(
         One for each object.
     """
     own = np.array([names.index(o.label) for o in placed], np.int64)
-    shares = problem.label_kinds[own]
+    shares = label_kinds(problem)[own]
     if len(problem.given_labels) and len(placed):
         centres, labels, told = label_probabilities(problem, state)
         for k, o in enumerate(placed):
@@ -132,47 +139,64 @@ def _outline_of(joints: Array, camera: Camera) -> Array:
 
 
 class _Pieces:
-    """The objects of a draw, with mean and covariance of their errors given statements."""
+    """The objects of a draw, with mean and covariance of their errors given statements.
+
+    Each is as its scenelet says or a seat of some kind by chance, until a measurement decides; its
+    errors are about that.
+    """
 
     def __init__(self, placed: Sequence[SceneObject], problem: Problem, state: State) -> None:
         yaws = np.array([o.placement.yaw for o in placed])
         halves = np.array([np.diff(o.bounds, axis=0)[0] / 2 for o in placed])
-        self._boxes = np.column_stack([[o.centre for o in placed], halves, yaws])
+        own = np.column_stack([[o.centre for o in placed], halves, yaws])
+        self._boxes = np.repeat(own[:, None], 1 + len(problem.label_sides), axis=1)
+        for k, case in np.ndindex(len(placed), len(problem.label_sides)):
+            resize(own[k], problem.label_sides[case], self._boxes[k, 1 + case])
         self._turns = np.column_stack([np.cos(yaws), np.sin(yaws)])
         self._lens = np.array([problem.cx, problem.cy, problem.fx, problem.fy])
         self._spread = np.array([problem.furniture_aside, problem.furniture_spread])
         self._camera = state.camera
-        self._errors = [self._prior(k) for k in range(len(placed))]
+        self._cases = np.full(len(placed), _UNDECIDED)
+        self._errors = [self._prior(k, 0) for k in range(len(placed))]
         self._placed, self._sized = np.zeros((2, len(placed)), np.bool_)
 
-    def _prior(self, k: int) -> tuple[Array, Array]:
+    def _prior(self, k: int, case: int) -> tuple[Array, Array]:
         mean, covariance = np.empty(ERRORS), np.empty((ERRORS, ERRORS))
-        set_errors(self._boxes[k], self._spread, mean, covariance)
+        set_errors(self._boxes[k, case], self._spread, mean, covariance)
         return mean, covariance
+
+    def _decide(self, k: int, case: int) -> bool:
+        """Fix what a piece is; False if an earlier measurement found it to be something else."""
+        if self._cases[k] == _UNDECIDED:
+            self._cases[k] = case
+            self._errors[k] = self._prior(k, case)
+        return bool(self._cases[k] == case)
 
     def measure(
         self, rng: np.random.Generator, said: ObjectAt, numbers: Array, shares: Array
     ) -> None:
         """Condition the object that was measured, if any.
 
-        ``numbers`` are those of the problem, ``shares`` the probabilities that the objects have one
-        of the labels.
+        ``numbers`` are those of the problem. ``shares`` (k, 1 + C) are the probabilities of the
+        cases in which the objects have one of the labels.
         """
         lens = np.concatenate([self._lens, numbers[14:16]])
 
-        def agreement(k: int, mean: Array, covariance: Array) -> float:
-            box, turn = self._boxes[k], self._turns[k]
+        def agreement(k: int, case: int, mean: Array, covariance: Array) -> float:
+            box, turn = self._boxes[k, case], self._turns[k]
             return measure_object(numbers[2:14], lens, self._camera, box, turn, mean, covariance)
 
-        ours = np.flatnonzero(shares).tolist()
-        there = (1 - said.doubt) * (1 - np.prod(1 - shares))
+        ours = np.argwhere(shares).tolist()
+        there = (1 - said.doubt) * (1 - np.prod(1 - shares.sum(1)))
         logs = [
-            math.log(there * shares[k] / shares.sum()) + agreement(k, *self._prior(k)) for k in ours
+            math.log(there * shares[k, case] / shares.sum())
+            + agreement(k, case, *self._prior(k, case))
+            for k, case in ours
         ]
         which = _one_of(rng, [*logs, math.log(said.doubt) + numbers[1]])
-        if which < len(ours):
-            k = ours[which]
-            agreement(k, *self._errors[k])
+        if which < len(ours) and self._decide(*ours[which]):
+            k, case = ours[which]
+            agreement(k, case, *self._errors[k])
             self._placed[k] |= said.place is not None
             self._sized[k] |= said.size is not None or said.box is not None
 
@@ -186,23 +210,30 @@ class _Pieces:
     ) -> None:
         """Condition the objects that a detector's boxes belong to.
 
-        ``shares`` are the probabilities of each box's label, if it is of each of the objects.
+        ``shares`` (boxes, k, 1 + C) are the probabilities of each case of the objects, times those
+        of the box's label.
         """
         lens = np.concatenate([self._lens, numbers[4:6]])
-        outlines = np.empty((len(self._boxes), 5))
-        slopes = np.empty((len(self._boxes), 4, ERRORS))
-        for k, (box, turn) in enumerate(zip(self._boxes, self._turns, strict=True)):
-            find_outline(lens, self._camera, box, turn, outlines[k], slopes[k])
+        edges, slopes = (
+            np.empty((*self._boxes.shape[:2], 5)),
+            np.empty((*self._boxes.shape[:2], 4, ERRORS)),
+        )
+        for k, case in np.ndindex(*self._boxes.shape[:2]):
+            box, turn = self._boxes[k, case], self._turns[k]
+            find_outline(lens, self._camera, box, turn, edges[k, case], slopes[k, case])
+        outlines = np.ascontiguousarray(edges[:, 0])
         rates = [-math.log1p(-said.rate * shown(outlines, k, person)) for k in range(len(outlines))]
         for box, own in zip(np.array(said.boxes), shares, strict=True):
+            ours = np.argwhere(own).tolist()
             logs = [
-                _log(rate * own[k])
-                + measure_box(box, said.std, outlines[k], slopes[k], *self._prior(k))
-                for k, rate in enumerate(rates)
+                _log(rates[k] * own[k, case])
+                + measure_box(box, said.std, edges[k, case], slopes[k, case], *self._prior(k, case))
+                for k, case in ours
             ]
-            k = _one_of(rng, [*logs, math.log(said.clutter) + numbers[2]])
-            if k < len(logs):
-                measure_box(box, said.std, outlines[k], slopes[k], *self._errors[k])
+            which = _one_of(rng, [*logs, math.log(said.clutter) + numbers[2]])
+            if which < len(ours) and self._decide(*ours[which]):
+                k, case = ours[which]
+                measure_box(box, said.std, edges[k, case], slopes[k, case], *self._errors[k])
                 self._sized[k] = True
 
     def standing(
@@ -210,27 +241,34 @@ class _Pieces:
         rng: np.random.Generator,
         placed: Sequence[SceneObject],
         drawn: Sequence[SceneObject],
+        names: Sequence[str],
     ) -> tuple[SceneObject, ...]:
         """The objects with errors drawn given all statements."""
         result = list(drawn)
         for k in np.flatnonzero(self._placed | self._sized).tolist():
             errors = rng.multivariate_normal(*self._errors[k], method="cholesky")
-            result[k] = _with_errors(placed[k], errors, sized=bool(self._sized[k]))
+            case = self._cases[k]
+            sides = self._boxes[k, case, 3:6] / self._boxes[k, 0, 3:6]
+            factor = sides * np.exp(errors[2:]) if self._sized[k] else np.ones(3)
+            label = placed[k].label if case == 0 else names[case - 1]
+            result[k] = _with_errors(placed[k], label, errors[:2], factor)
         return tuple(result)
 
 
-def _with_errors(o: SceneObject, errors: Array, *, sized: bool) -> SceneObject:
-    """The object displaced along its own axes and, if sized, with other sides."""
-    x, y = o.placement.rotation @ errors[:2]
+_UNDECIDED: Final = -1
+"""Case of a piece that nothing measured."""
+
+
+def _with_errors(o: SceneObject, label: str, away: Array, factor: Array) -> SceneObject:
+    """The object with a label, displaced along its own axes (m), and its sides times factors."""
+    x, y = o.placement.rotation @ away
     place = replace(o.placement, x=o.placement.x + float(x), y=o.placement.y + float(y))
-    if not sized:
-        return SceneObject(o.label, place, o.cuboids)
     # About its middle on the floor.
-    middle, factor = o.bounds.mean(0) * (1, 1, 0), np.exp(errors[2:])
+    middle = o.bounds.mean(0) * (1, 1, 0)
     cuboids = tuple(
         Cuboid(c.part, middle + factor * (c.centre - middle), factor * c.size) for c in o.cuboids
     )
-    return SceneObject(o.label, place, cuboids)
+    return SceneObject(label, place, cuboids)
 
 
 def _one_of(rng: np.random.Generator, logs: Sequence[float]) -> int:

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from imapper_prob.models.calibrated import Number, with_values
 from imapper_prob.models.detector import DetectionModel, DetectorSettings
 from imapper_prob.models.path_prior import StaticPath
-from imapper_prob.models.problem import Problem, label_kinds, labels_of, pack_problem, resample
-from imapper_prob.models.scene import SEATS, Clip, Placement, Truth
+from imapper_prob.models.problem import Problem, labels_of, pack_problem, resample, seat_chances
+from imapper_prob.models.scene import Clip, Placement, Truth
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import CameraSettings, ModelSettings, StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED, PELV, facing, turned
@@ -294,12 +294,8 @@ def _nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libr
 
 def _seat_shares(library: Library) -> dict[str, float]:
     """Shares of labels among the library's seats."""
-    kinds = np.diagonal(label_kinds(library, 1.0)).tolist()
-    return {
-        label: share
-        for label, share in zip(labels_of(library), kinds, strict=True)
-        if label in SEATS
-    }
+    chances = seat_chances(library, 1.0).tolist()
+    return {label: share for label, share in zip(labels_of(library), chances, strict=True) if share}
 
 
 def _turn(motion: Array, joints: Array) -> tuple[float, float]:

@@ -1,11 +1,13 @@
-"""The likelihood of statements about a scene (docs/explanation/model.md 25 to 33).
+"""The likelihood of statements about a scene (docs/explanation/model.md 25 to 34).
 
 A statement is a person's answer or a measurement. Its term is the density of that answer given the
-scene. It is normalised over all possible answers, so that evidence ratios are meaningful. The label
-of a seat is not known from its scenelet; for each row of labels that a statement has, every piece
-has a *share*: the probability that its true label is one of them. Statements are flat rows of a
-problem, packed by :mod:`imapper_prob.models.statement_rows`. Without statements no kernel of this
-module is called.
+scene. It is normalised over all possible answers, so that evidence ratios are meaningful.
+Statements are flat rows of a problem, packed by :mod:`imapper_prob.models.statement_rows`. Without
+statements no kernel of this module is called.
+
+A seat is what its scenelet says, or a seat of any kind by chance. For each row of labels that a
+statement has, every piece has *shares* of these cases: their probabilities, of which the true label
+is one of those of the row. The sum of a piece's shares is the probability that its label is.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from imapper_prob.models.kernels.measured import (
     log_normal,
     measure_box,
     measure_object,
+    resize,
     set_errors,
     shown,
 )
@@ -43,6 +46,7 @@ __all__ = [
     "PRESENCE",
     "ROOM",
     "SAME_OBJECT",
+    "find_shares",
     "sum_given",
     "weigh_labels",
 ]
@@ -135,18 +139,38 @@ def _find_pieces(
     return labels[:count]
 
 
-@inner
-def _find_shares(problem: Problem, labels: Ints) -> Array:
-    """(Q, k) probability that each piece's true label is among those of each row of labels.
+@compiled
+def find_shares(chance: Array, said: Array, label: int, shares: Array) -> None:
+    """Probabilities of the cases in which a piece has one of some labels.
 
-    For boxes of a detector, it is the probability of the detected label.
+    Parameters
+    ----------
+    chance : (C,) float
+        ``label_chance`` of a problem.
+    said : (C,) float
+        1 for the labels in question, else 0; or the probability of a detected label given each.
+    label : int
+        Category of the piece in its scenelet.
+    shares : (1 + C,) float
+        Output: that it is what its scenelet says, or a seat of each category by chance, times
+        ``said`` of its category.
     """
-    shares = np.zeros((len(problem.given_labels), len(labels)))
-    for row in range(len(shares)):
+    shares[:] = 0.0
+    shares[0] = said[label]
+    if chance[label] > 0.0:
+        shares[0] *= 1.0 - chance.sum()
+        for kind in range(len(chance)):
+            shares[1 + kind] = chance[kind] * said[kind]
+
+
+@inner
+def _all_shares(problem: Problem, labels: Ints) -> Array:
+    """(Q, k, 1 + C) shares of each piece in each row of labels."""
+    rows = problem.given_labels
+    shares = np.empty((len(rows), len(labels), 1 + rows.shape[1]))
+    for row in range(len(rows)):
         for k in range(len(labels)):
-            for label in range(problem.given_labels.shape[1]):
-                kind = problem.label_kinds[labels[k], label]
-                shares[row, k] += kind * problem.given_labels[row, label]
+            find_shares(problem.label_chance, rows[row], labels[k], shares[row, k])
     return shares
 
 
@@ -194,6 +218,15 @@ def _spread_of(problem: Problem) -> Array:
     return np.array([problem.furniture_aside, problem.furniture_spread])
 
 
+@inlined
+def _as_case(problem: Problem, own: Array, case: int, piece: Array) -> None:
+    """A piece as its scenelet says (case 0), or with the sides of a kind of seat."""
+    if case == 0:
+        piece[:] = own
+    else:
+        resize(own, problem.label_sides[case - 1], piece)
+
+
 @inner
 def _object(
     problem: Problem, camera: Array, s: int, pieces: Array, turns: Array, shares: Array
@@ -205,25 +238,28 @@ def _object(
     """
     numbers, own = problem.given[s], shares[problem.given_kinds[s, 1]]
     lens, spread = _lens_of(problem, numbers[14], numbers[15]), _spread_of(problem)
-    none, best, each = 1.0, -math.inf, np.empty(len(own))
-    mean, covariance = np.empty(ERRORS), np.empty((ERRORS, ERRORS))
+    none, best, each = 1.0, -math.inf, np.zeros(own.shape)
+    mean, covariance, piece = np.empty(ERRORS), np.empty((ERRORS, ERRORS)), np.empty(PIECE)
     for k in range(len(own)):
-        if own[k] == 0.0:
-            continue
-        set_errors(pieces[k], spread, mean, covariance)
-        each[k] = measure_object(numbers[2:14], lens, camera, pieces[k], turns[k], mean, covariance)
-        none *= 1.0 - own[k]
-        best = max(best, each[k])
+        none *= 1.0 - own[k].sum()
+        for case in range(own.shape[1]):
+            if own[k, case] > 0.0:
+                _as_case(problem, pieces[k], case, piece)
+                set_errors(piece, spread, mean, covariance)
+                each[k, case] = measure_object(
+                    numbers[2:14], lens, camera, piece, turns[k], mean, covariance
+                )
+                best = max(best, each[k, case])
     wrong = math.log(numbers[0]) + numbers[1]
     if best == -math.inf:
         return float(wrong)
-    total, sum_of_shares = 0.0, 0.0
+    total = 0.0
     for k in range(len(own)):
-        if own[k] > 0.0:
-            total += own[k] * math.exp(each[k] - best)
-            sum_of_shares += own[k]
+        for case in range(own.shape[1]):
+            if own[k, case] > 0.0:
+                total += own[k, case] * math.exp(each[k, case] - best)
     there = (1.0 - numbers[0]) * (1.0 - none)
-    right = math.log(there) + best + math.log(total / sum_of_shares)
+    right = math.log(there) + best + math.log(total / own.sum())
     top = max(right, wrong)
     return float(top + math.log(math.exp(right - top) + math.exp(wrong - top)))
 
@@ -237,7 +273,7 @@ def _presence(problem: Problem, s: int, pieces: Array, shares: Array) -> float:
     numbers, kinds = problem.given[s], problem.given_kinds[s]
     none, own = 1.0, shares[kinds[1]]
     for k in range(len(own)):
-        there = own[k]
+        there = own[k].sum()
         if there > 0.0 and kinds[3] > kinds[2]:
             piece = pieces[k]
             far = _inside(problem.given_rows, kinds[2], kinds[3], piece[0], piece[1])
@@ -361,12 +397,13 @@ def _contact(problem: Problem, cache: Cache, s: int, owners: Ints, shares: Array
     )
     none = np.ones(kinds[6] - kinds[5])
     for piece in range(len(own)):
-        if own[piece] == 0.0:
+        share = own[piece].sum()
+        if share == 0.0:
             continue
         wanted = owners == piece
         for t in range(len(none)):
             margin = _margin(cache, wanted, numbers[1] > 0.0, kinds[5] + t, n)
-            none[t] *= 1.0 - own[piece] * _normal_cdf(margin / _SOFT)
+            none[t] *= 1.0 - share * _normal_cdf(margin / _SOFT)
     return _answered(1.0 - none.max(), True, numbers[0])
 
 
@@ -385,13 +422,14 @@ def _same_object(
     )
     none = 1.0
     for piece in range(len(own)):
-        if own[piece] == 0.0:
+        share = own[piece].sum()
+        if share == 0.0:
             continue
         wanted, least = owners == piece, math.inf
         for row in range(kinds[2], kinds[3]):
             for t in range(int(problem.given_rows[row, 0]), int(problem.given_rows[row, 1])):
                 least = min(least, _margin(cache, wanted, numbers[1] > 0.0, t, n))
-        none *= 1.0 - own[piece] * _normal_cdf(least / _SOFT)
+        none *= 1.0 - share * _normal_cdf(least / _SOFT)
     return _answered(1.0 - none, True, numbers[0])
 
 
@@ -417,12 +455,12 @@ def _behind(problem: Problem, s: int, pieces: Array, turns: Array, shares: Array
     numbers, row = problem.given[s], problem.given_kinds[s, 1]
     none, own, other = 1.0, np.empty(2), np.empty(2)
     for k in range(len(pieces)):
-        if shares[row, k] == 0.0:
+        if shares[row, k].sum() == 0.0:
             continue
         far = math.hypot(pieces[k, 0], pieces[k, 1])
         _directions(pieces[k], turns[k], own)
         for j in range(len(pieces)):
-            both = shares[row, k] * shares[row + 1, j]
+            both = shares[row, k].sum() * shares[row + 1, j].sum()
             if j == k or both == 0.0:
                 continue
             near = math.hypot(pieces[j, 0], pieces[j, 1])
@@ -478,11 +516,12 @@ def _pictured(
     numbers, kinds = problem.given[s], problem.given_kinds[s]
     count, person = len(pieces), np.empty(5)
     lens, spread = _lens_of(problem, numbers[4], numbers[5]), _spread_of(problem)
-    outlines, slopes, rates = np.empty((count, 5)), np.empty((count, 4, ERRORS)), np.empty(count)
-    mean, covariance = np.empty(ERRORS), np.empty((ERRORS, ERRORS))
+    outlines, rates = np.empty((count, 5)), np.empty(count)
+    mean, covariance, piece = np.empty(ERRORS), np.empty((ERRORS, ERRORS)), np.empty(PIECE)
+    edges, slopes = np.empty(5), np.empty((4, ERRORS))
     _person(problem, cache, camera, kinds[5], person)
     for k in range(count):
-        find_outline(lens, camera, pieces[k], turns[k], outlines[k], slopes[k])
+        find_outline(lens, camera, pieces[k], turns[k], outlines[k], slopes)
     total = -numbers[1]
     for k in range(count):
         # Poisson rate at which "no box" is as probable as a miss of the detector.
@@ -491,12 +530,15 @@ def _pictured(
     for d in range(kinds[3] - kinds[2]):
         density = numbers[1] * math.exp(numbers[2])
         for k in range(count):
-            share = shares[kinds[1] + d, k]
-            if share > 0.0 and rates[k] > 0.0:
-                set_errors(pieces[k], spread, mean, covariance)
-                box = problem.given_rows[kinds[2] + d]
-                near = measure_box(box, numbers[3], outlines[k], slopes[k], mean, covariance)
-                density += rates[k] * share * math.exp(near)
+            own = shares[kinds[1] + d, k]
+            for case in range(len(own)):
+                if own[case] > 0.0 and rates[k] > 0.0:
+                    _as_case(problem, pieces[k], case, piece)
+                    find_outline(lens, camera, piece, turns[k], edges, slopes)
+                    set_errors(piece, spread, mean, covariance)
+                    box = problem.given_rows[kinds[2] + d]
+                    near = measure_box(box, numbers[3], edges, slopes, mean, covariance)
+                    density += rates[k] * own[case] * math.exp(near)
         total += math.log(density)
     return float(total)
 
@@ -588,7 +630,7 @@ def sum_given(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
     pieces, turns, shares = (
         pieces[: len(labels)],
         turns[: len(labels)],
-        _find_shares(problem, labels),
+        _all_shares(problem, labels),
     )
     for s in range(len(problem.given)):
         value = _term(problem, cache, n, camera, s, pieces, turns, owners, shares)
@@ -598,7 +640,7 @@ def sum_given(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
 
 @compiled
 def weigh_labels(evaluator: Evaluator, n: int, camera: Array) -> tuple[Array, Ints, Array]:
-    """Log-likelihood of all statements for each true label that a piece may have.
+    """Log-likelihood of all statements and each true label that a piece may have.
 
     Parameters
     ----------
@@ -615,7 +657,8 @@ def weigh_labels(evaluator: Evaluator, n: int, camera: Array) -> tuple[Array, In
     labels : (k,) int
         Their categories in the scenelets.
     values : (k, C) float
-        Nats; the labels of all other pieces are summed out.
+        Nats, up to a constant; -inf for labels that the piece cannot have. The labels of all other
+        pieces are summed out.
     """
     problem, cache = evaluator.problem, evaluator.cache
     most = _most_pieces(cache, n)
@@ -625,17 +668,25 @@ def weigh_labels(evaluator: Evaluator, n: int, camera: Array) -> tuple[Array, In
     pieces, turns, shares = (
         pieces[: len(labels)],
         turns[: len(labels)],
-        _find_shares(problem, labels),
+        _all_shares(problem, labels),
     )
-    values = np.zeros((len(labels), len(problem.label_kinds)))
+    chance, rows = problem.label_chance, problem.given_labels
+    values = np.full((len(labels), len(chance)), -math.inf)
+    only, cases = np.empty(len(chance)), np.empty(1 + len(chance))
     for k in range(len(labels)):
         summed_out = shares[:, k].copy()
-        for label in range(values.shape[1]):
-            if problem.label_kinds[labels[k], label] > 0.0:
-                shares[:, k] = problem.given_labels[:, label]
-                for s in range(len(problem.given)):
-                    values[k, label] += _term(
-                        problem, cache, n, camera, s, pieces, turns, owners, shares
-                    )
+        for label in range(len(chance)):
+            only[:] = 0.0
+            only[label] = 1.0
+            find_shares(chance, only, labels[k], cases)
+            if cases.sum() == 0.0:
+                continue
+            for row in range(len(rows)):
+                shares[row, k] = cases * (rows[row, label] / cases.sum())
+            values[k, label] = math.log(cases.sum())
+            for s in range(len(problem.given)):
+                values[k, label] += _term(
+                    problem, cache, n, camera, s, pieces, turns, owners, shares
+                )
         shares[:, k] = summed_out
     return pieces, labels, values

@@ -1,10 +1,11 @@
-"""What measurements say of the place and size of a piece of furniture (model.md 27 and 32).
+"""What measurements say of the place and size of a piece of furniture (model.md 27 and 34).
 
 A true piece differs from that of its scenelet by five normal errors: its place along its width and
-along its depth (m), and the logs of its width, depth and height. Places, sizes and edges of image
-boxes are linear in them, to first order. So the errors are summed out exactly: measured numbers
-condition them one after the other, and the product of the predictive densities is the density of
-all.
+along its depth (m), and the logs of its width, depth and height. A seat of another kind than in its
+scenelet has the mean sides of that kind in place of the scenelet's, with the same errors. Places,
+sizes and edges of image boxes are linear in the errors, to first order. So these are summed out
+exactly: measured numbers condition them one after the other, and the product of the predictive
+densities is the density of all.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ __all__ = [
     "log_normal",
     "measure_box",
     "measure_object",
+    "resize",
     "set_errors",
     "shown",
 ]
@@ -71,6 +73,25 @@ def set_errors(piece: Array, spread: Array, mean: Array, covariance: Array) -> N
     covariance[1, 1] = spread[1] ** 2
     for a in range(3):
         covariance[2 + a, 2 + a] = SIDE_SPREAD**2
+
+
+@compiled
+def resize(piece: Array, sides: Array, resized: Array) -> None:
+    """Give a piece other sides, about its middle on the floor.
+
+    Parameters
+    ----------
+    piece : (7,) float
+        Centre (m), half sides (m) and yaw of its bounding box.
+    sides : (3,) float
+        Logs of width, depth and height.
+    resized : (7,) float
+        Output.
+    """
+    resized[:] = piece
+    for a in range(3):
+        resized[3 + a] = 0.5 * math.exp(sides[a])
+    resized[2] += resized[5] - piece[5]
 
 
 @inlined

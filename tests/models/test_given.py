@@ -24,8 +24,8 @@ from imapper_prob.models.log_posterior import (
     motion,
     terms,
 )
-from imapper_prob.models.problem import Problem, label_kinds, labels_of
-from imapper_prob.models.scene import Clip, SceneObject
+from imapper_prob.models.problem import Problem, label_kinds, labels_of, seat_chances
+from imapper_prob.models.scene import Clip, Cuboid, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import SIDE_SPREAD, ModelSettings
 from imapper_prob.models.skeleton import LKNE, LWRI, NECK, PELV, RKNE, RWRI
@@ -132,12 +132,31 @@ def share(label: str, said: tuple[str, ...]) -> float:
     return (1 - CONFUSION) * (label in said) + CONFUSION * any_seat
 
 
+def cases(piece: SceneObject, said: dict[str, float]) -> list[tuple[float, SceneObject]]:
+    """What a seat may be: that of its scenelet, or one of the mean sides of any kind."""
+    found = [((1 - CONFUSION) * said.get(piece.label, 0.0), piece)]
+    for kind in ("couch", "chair"):
+        chance = share(kind, (kind,)) - (1 - CONFUSION)
+        logs = [
+            np.log(np.diff(o.bounds, axis=0)[0])
+            for s in LIBRARY
+            for o in s.objects
+            if o.label == kind
+        ]
+        sides, low = np.exp(np.mean(logs, axis=0)), piece.bounds[0, 2]
+        middle = np.array([*piece.bounds.mean(0)[:2], low + sides[2] / 2])
+        other = SceneObject(kind, piece.placement, (Cuboid("all", middle, sides),))
+        found.append((chance * said.get(kind, 0.0), other))
+    return [(share, o) for share, o in found if share]
+
+
 def reference_object(said: im.ObjectAt) -> float:
     density, area = 0.0, 1.0
     values = [v for part in (said.place, said.size, said.box) if part for v in part]
     shares = np.array([share(p.label, said.labels) for p in pieces(state())])
-    for piece, own in zip(pieces(state()), shares, strict=True):
-        density += own * multivariate_normal.pdf(values, *measured(piece, state(), said))
+    for piece in pieces(state()):
+        for own, o in cases(piece, dict.fromkeys(said.labels, 1.0)):
+            density += own * multivariate_normal.pdf(values, *measured(o, state(), said))
     density *= (1 - np.prod(1 - shares)) / shares.sum()
     area *= 100.0 if said.place else 1.0
     area *= 27.0 if said.size else 1.0
@@ -334,12 +353,9 @@ def test_what_is_seen_is_a_poisson_process_of_boxes() -> None:
     for box, confusion in zip(said.boxes, said.confusion, strict=True):
         density = 0.5 * anywhere
         for piece, rate in zip(pieces(state()), rates, strict=True):
-            own = im.ObjectAt(piece.label, box=box, box_std=30.0)
-            density += (
-                rate
-                * sum(chance * share(piece.label, (kind,)) for kind, chance in confusion.items())
-                * multivariate_normal.pdf(box, *measured(piece, state(), own))
-            )
+            for own, o in cases(piece, confusion):
+                near = measured(o, state(), im.ObjectAt(o.label, box=box, box_std=30.0))
+                density += rate * own * multivariate_normal.pdf(box, *near)
         expected += math.log(density)
     assert given(said) == pytest.approx(expected, rel=1e-6)
 
@@ -348,70 +364,87 @@ def test_what_is_seen_is_a_poisson_process_of_boxes() -> None:
 # True labels.
 
 
-def as_kinds(**kinds: str) -> Problem:
-    """The problem if objects with these labels in their scenelets truly have those."""
-    names, rows = labels_of(LIBRARY), problem(0.0).label_kinds.copy()
-    for label, kind in kinds.items():
-        rows[names.index(label)] = [name == kind for name in names]
-    return problem(0.0)._replace(label_kinds=rows)
-
-
 def test_a_seat_may_be_another_one_and_a_table_may_not() -> None:
-    names, kinds = labels_of(LIBRARY), label_kinds(LIBRARY, CONFUSION)
+    table = replace(LIBRARY[0], name="table", objects=(worlds.couch(label="table"),))
+    mixed = Library("more", (*LIBRARY, table))
+    names, chances = labels_of(mixed), seat_chances(mixed, CONFUSION)
+    assert names == ["chair", "couch", "table"]
+    kinds = label_kinds(problem()._replace(label_chance=chances))
     expected = [[share(label, (kind,)) for kind in names] for label in names]
     np.testing.assert_allclose(kinds, expected)
-    np.testing.assert_array_equal(label_kinds(LIBRARY, 0.0), np.eye(len(names)))
+    assert chances.sum() == pytest.approx(CONFUSION)
+    assert not seat_chances(mixed, 0.0).any()
+    assert seat_chances(Library("table", (table,)), CONFUSION).tolist() == [0.0]
     bare = Library("bare", tuple(s for s in LIBRARY if not s.objects))
-    assert label_kinds(bare, CONFUSION).shape == (0, 0)
-    table = replace(LIBRARY[0], objects=(worlds.couch(label="table"),))
-    assert label_kinds(Library("table", (table,)), CONFUSION).tolist() == [[1.0]]
-    mixed = Library("more", (*LIBRARY, replace(table, name="table")))
-    expected = [[share(label, (kind,)) for kind in labels_of(mixed)] for label in labels_of(mixed)]
-    np.testing.assert_allclose(label_kinds(mixed, CONFUSION), expected)
+    assert seat_chances(bare, CONFUSION).shape == (0,)
 
 
-@pytest.mark.parametrize(
-    "said",
-    [
-        im.Presence("chair", region=REGION, doubt=0.02),
-        im.Presence(("couch", "chair"), there=False, doubt=0.02),
-        im.SameObject("couch", [(1, 4), (7, 9)], sits=False, doubt=0.01),
-        im.Seen(16, (BOX,), ({"couch": 0.8, "chair": 0.3},)),
-    ],
+def as_labelled(said: Statement, couch: str, chair: str) -> float:
+    """The term of a statement if the two seats certainly have these labels."""
+    names, of = labels_of(LIBRARY), problem(0.0)
+    numbers = [names.index({"chair": chair, "couch": couch}[names[k]]) for k in of.box_label]
+    nothing_by_chance = np.zeros(len(names))
+    return given(said, of=of._replace(box_label=np.array(numbers), label_chance=nothing_by_chance))
+
+
+ON_LABELS = (
+    im.Presence("chair", region=REGION, doubt=0.02),
+    im.Presence(("couch", "chair"), there=False, doubt=0.02),
+    im.Presence("chair", there=False, doubt=0.3),
+    im.SameObject("couch", [(1, 4), (7, 9)], sits=False, doubt=0.01),
 )
+
+
+def by_labels(said: Statement) -> dict[tuple[str, str], float]:
+    """Probability of a statement and of the labels of couch and chair, which are independent."""
+    return {
+        (couch, chair): share("couch", (couch,))
+        * share("chair", (chair,))
+        * math.exp(as_labelled(said, couch, chair))
+        for couch, chair in product(labels_of(LIBRARY), repeat=2)
+    }
+
+
+@pytest.mark.parametrize("said", ON_LABELS)
 def test_labels_are_summed_out(said: Statement) -> None:
-    """The couch and the chair have independent labels."""
-    seats, total = [n for n in labels_of(LIBRARY) if n != "table"], 0.0
-    for couch, chair in product(seats, repeat=2):
-        prior = share("couch", (couch,)) * share("chair", (chair,))
-        total += prior * math.exp(given(said, of=as_kinds(couch=couch, chair=chair)))
-    assert given(said) == pytest.approx(math.log(total))
+    assert given(said) == pytest.approx(math.log(sum(by_labels(said).values())))
 
 
-@pytest.mark.parametrize(
-    "said",
-    [
-        [im.Presence("couch", region=REGION)],
-        [im.ObjectAt("chair", place=(1.0, 5.4), place_std=0.4, doubt=0.05)],
-        [im.Contact("couch", 3, 8, sits=False, doubt=0.1), im.Behind("chair", "couch", doubt=0.1)],
-        [im.Measured("height", 1.6, 0.1), im.Seen(16, (BOX,), ({"couch": 0.8, "chair": 0.3},))],
-        [],
-    ],
-)
-def test_statements_say_which_label_an_object_has(said: list[Statement]) -> None:
-    names = labels_of(LIBRARY)
-    told = tell(problem(), said, clip(), labels_of(LIBRARY))
+@pytest.mark.parametrize("said", ON_LABELS)
+def test_a_statement_says_which_label_an_object_has(said: Statement) -> None:
+    names, joint = labels_of(LIBRARY), by_labels(said)
+    told = tell(problem(), [im.Measured("height", 1.6, 0.1), said], clip(), names)
     centres, labels, found = label_probabilities(told, state())
     assert [names[k] for k in labels] == ["couch", "chair"]
     np.testing.assert_allclose(centres, [p.centre for p in pieces(state())])
-    for own, row in zip(("couch", "chair"), found, strict=True):
-        expected = np.zeros(len(names))
-        for k, kind in enumerate(names):
-            prior = share(own, (kind,))
-            if prior:
-                likelihood = sum(given(s, of=as_kinds(**{own: kind})) for s in said)
-                expected[k] = prior * math.exp(likelihood)
-        np.testing.assert_allclose(row, expected / expected.sum(), rtol=1e-7)
+    for k, row in enumerate(found):
+        expected = [sum(p for kinds, p in joint.items() if kinds[k] == kind) for kind in names]
+        np.testing.assert_allclose(row, np.array(expected) / sum(expected), rtol=1e-7)
+
+
+def test_without_statements_on_labels_these_are_as_in_a_table() -> None:
+    names = labels_of(LIBRARY)
+    found = label_probabilities(problem(), state())[2]
+    expected = [[share(own, (kind,)) for kind in names] for own in ("couch", "chair")]
+    np.testing.assert_allclose(found, expected)
+
+
+def test_a_measured_size_is_evidence_of_the_kind() -> None:
+    """The mean chair of the library has the sides of a couch, so a size of its own is given."""
+    names, narrow = labels_of(LIBRARY), np.log([0.5, 0.5, 0.9])
+    sides = problem(0.0).label_sides.copy()
+    sides[names.index("chair")] = narrow
+    place = tuple(pieces(state())[0].centre[:2].tolist())
+    for said in (
+        im.ObjectAt(("couch", "chair"), place=place, place_std=0.1, size=(0.5, 0.5, 0.9)),
+        im.Seen(2, (tuple(edges(pieces(state())[1], state())),), ({"couch": 0.5, "chair": 0.5},)),
+    ):
+        told = tell(problem(0.0)._replace(label_sides=sides), [said], clip(), names)
+        found = label_probabilities(told, state())[2]
+        if isinstance(said, im.ObjectAt):
+            assert found[0, names.index("chair")] > 0.95
+        else:  # an outline as broad as a couch
+            assert found[1, names.index("couch")] > share("chair", ("couch",)) + 0.1
 
 
 def test_an_empty_scene_has_no_labels() -> None:
@@ -473,7 +506,7 @@ def test_as_many_boxes_are_seen_as_are_expected() -> None:
         outline, covariance = measured(piece, state(), own)
         root = np.linalg.cholesky(covariance)
         said = im.Seen(2, (BOX,), ({piece.label: 1.0},), std=40.0, clutter=0.001)
-        as_in_scenelets = problem(0.0)._replace(label_kinds=np.eye(len(labels_of(LIBRARY))))
+        as_in_scenelets = problem(0.0)._replace(label_chance=np.zeros(len(labels_of(LIBRARY))))
         told = tell(as_in_scenelets, [said], clip(), labels_of(LIBRARY))
         # Sums over a grid of a step of one deviation are all but exact; beyond three is .1 %.
         for steps in product(np.arange(-3.0, 4.0), repeat=4):
@@ -644,5 +677,5 @@ def test_a_part_of_a_library_numbers_labels_as_the_whole() -> None:
     said = [im.Presence("chair")]
     by_part, by_whole = (tell(p, said, clip(), labels) for p in (part, problem(0.0)))
     check_problem(by_part)
-    np.testing.assert_array_equal(by_part.label_kinds, by_whole.label_kinds)
+    np.testing.assert_array_equal(label_kinds(by_part), label_kinds(by_whole))
     np.testing.assert_array_equal(by_part.given_labels, by_whole.given_labels)

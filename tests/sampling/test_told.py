@@ -17,7 +17,7 @@ from scipy.stats import norm
 import imapper_prob as im
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.log_posterior import empty_state
-from imapper_prob.models.problem import Problem, label_kinds, labels_of
+from imapper_prob.models.problem import Problem, labels_of, seat_chances
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.statement_rows import tell
 from imapper_prob.models.statements import Statement
@@ -43,8 +43,9 @@ SETTINGS = SampleSettings(
     chains=4, steps=3000, draws=300, temperatures=3, burn_in=0.2, ensemble_steps=0
 )
 SURE = im.Presence("chair", doubt=DOUBT)
-OF_CHAIR, OF_COUCH = label_kinds(LIBRARY, ModelSettings().seat_confusion)[:, 0].tolist()
-"""Probability that the seat of a scenelet with a chair, or of one with a couch, is a chair."""
+OF_COUCH = float(seat_chances(LIBRARY, ModelSettings().seat_confusion)[0])
+OF_CHAIR = 1 - ModelSettings().seat_confusion + OF_COUCH
+"""Probability that the seat of a scenelet with a couch, or of one with a chair, is a chair."""
 TRUE_CHAIR = CHAIR * (OF_CHAIR + 2 * OF_COUCH)
 """Probability that there is a chair: two of the three scenelets have a couch."""
 EVIDENCE = (1 - DOUBT) * TRUE_CHAIR + DOUBT / 2
