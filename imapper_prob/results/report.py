@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.files import written_whole
 from imapper_prob.models.drawing import INK, QUIET
-from imapper_prob.models.scene import Clip, SceneObject
+from imapper_prob.models.scene import SEATS, Clip, SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.text import with_error
 from imapper_prob.people import by_person, everybody, own_part
@@ -82,6 +82,8 @@ _NUMBERS: Final = (
 )  # fmt: skip
 _WEAK: Final = 0.5
 """Probability below which a scene is called weak."""
+_PROBABLE, _SURE = 0.5, 0.9
+"""Probabilities above which an object is likely to be there, and its label is as good as known."""
 _VAGUE: Final = 0.1
 """Monte-Carlo error above which a probability is only an order of magnitude."""
 _SHORT: Final = 5.0
@@ -155,6 +157,7 @@ def warnings_of(
     samples: Samples,
     scenes: Sequence[WeightedScene],
     *,
+    clusters: Sequence[ObjectCluster] = (),
     disputed: Sequence[int] = (),
 ) -> tuple[str, ...]:
     """Reasons why the result is less certain than it looks, one sentence each.
@@ -164,6 +167,8 @@ def warnings_of(
     clip : Clip
     samples : Samples
     scenes : sequence of WeightedScene
+    clusters : sequence of ObjectCluster
+        Objects matched over all draws.
     disputed : sequence of int
         Numbers of the scenes whose layouts the chains disagree about.
 
@@ -199,6 +204,18 @@ def warnings_of(
     if best.error > _VAGUE:
         said.append(
             f"Its probability is known to ± {best.error:.2f} only, from the draws that there are."
+        )
+    kinds = [
+        f"{name} with {cluster.labels[cluster.label]:.2f}"
+        for name, cluster in zip(names_of(clusters), clusters, strict=True)
+        if cluster.label in SEATS
+        and cluster.presence > _PROBABLE
+        and cluster.labels[cluster.label] < _SURE
+    ]
+    if kinds:
+        said.append(
+            "Motion hardly tells the kind of a seat. The objects are rightly called so with these "
+            f"probabilities, if they are there: {', '.join(kinds)}."
         )
     if not clip.focal_known:
         said.append(
@@ -331,7 +348,15 @@ def report(posterior: Posterior) -> str:
             paragraph(runner_up(scenes)),
             _trust_of(posterior),
             *([paragraph(posterior.told.text)] if posterior.told is not None else []),
-            notes(warnings_of(clip, samples, scenes, disputed=posterior.disputed)),
+            notes(
+                warnings_of(
+                    clip,
+                    samples,
+                    scenes,
+                    clusters=posterior.certainty.clusters,
+                    disputed=posterior.disputed,
+                )
+            ),
             numbers("moments", moments(posterior)),
             _scenes(posterior, floor),
             _objects(posterior, floor),

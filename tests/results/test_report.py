@@ -242,6 +242,13 @@ def test_it_warns_where_it_should_and_nowhere_else() -> None:
         (warning,) = warnings_of(clip, samples, [scene], disputed=disputed)
         return warning
 
+    couch, table = run.clusters(least=0.5)[:2]
+    assert (couch.label, table.label) == ("couch", "table")
+    doubted = replace(couch, labels={"couch": 0.52, "chair": 0.48})
+    (kind,) = warnings_of(clip, samples, [best], clusters=[table, doubted])
+    assert kind.endswith("if they are there: couch with 0.52.")
+    sure = [replace(couch, labels={"couch": 0.95}), replace(doubted, presence=0.4)]
+    assert warnings_of(clip, samples, [best], clusters=sure) == ()
     focal = f"The focal length was assumed ({clip.camera.fx:.0f} px ± 20 %)"
     assert focal in said(clip=replace(clip, focal_spread=0.2))
     assert "Weak evidence" in said(scene=replace(best, probability=0.3))

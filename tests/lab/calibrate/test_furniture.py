@@ -8,7 +8,7 @@ import numpy as np
 
 from imapper_prob.models.scene import Placement, Truth
 from imapper_prob.models.scenelet import Scenelet
-from lab.calibrate.observations import furniture_errors
+from lab.calibrate.observations import furniture_errors, observe_seats
 from tests.uncertainty.rooms import couch_and_table
 
 SCENE = couch_and_table()
@@ -41,3 +41,13 @@ def test_a_piece_counts_once_by_its_mean_and_any_seat_is_a_seat() -> None:
 def test_what_is_far_or_of_another_kind_says_nothing() -> None:
     placed = [(_saying(1.2, 0.0), LAID), (_saying(0.0, 0.0, "shelf"), LAID)]
     assert furniture_errors(TRUTH, placed).shape == (0, 2)
+
+
+def test_how_often_a_seat_has_the_true_label() -> None:
+    """Pieces far from any seat, and seats whose label the library lacks, are left out."""
+    shares = {"couch": 0.6, "chair": 0.4}
+    placed = [(_saying(0.4, 0.1, o), LAID) for o in ("couch", "chair", "couch", "shelf")]
+    placed.append((_saying(1.2, 0.0), LAID))
+    np.testing.assert_allclose(observe_seats(TRUTH, placed, shares), [[2 / 3, 0.6]])
+    assert observe_seats(TRUTH, placed, {"chair": 1.0}).shape == (0, 2)
+    assert observe_seats(TRUTH, [], shares).shape == (0, 2)
