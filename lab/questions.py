@@ -170,12 +170,18 @@ def page(clips: Sequence[Sequence[Settled]], rng: np.random.Generator) -> str:
         ]
         for low, high in pairwise(BINS)
     }
+    by_kind = {
+        "yes or no": [one for one in asked if one.text.startswith("Is ")],
+        "a measured number or place": [one for one in asked if not one.text.startswith("Is ")],
+    }
     return "\n\n".join(
         markdown_table([
             (title, "answers", "predicted, bit", "fell by, bit", "difference, bit"),
             *(_row(name, rows) for name, rows in groups.items() if rows),
         ])
-        for title, groups in (("question", chosen(clips, rng)), ("predicted", by_bits))
+        for title, groups in (
+            ("question", chosen(clips, rng)), ("predicted", by_bits), ("answer", by_kind),
+        )
     )  # fmt: skip
 
 
