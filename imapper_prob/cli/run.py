@@ -367,7 +367,7 @@ def _print(text: str) -> None:
 
 def _show(posterior: Posterior, folder: Path) -> None:
     from imapper_prob.cli.console import console
-    from imapper_prob.results.report import sides_of
+    from imapper_prob.results.report_text import sides_of
     from imapper_prob.sampling.ensembles import describe_walked
     from imapper_prob.uncertainty.summary import (
         check_table,

@@ -18,17 +18,17 @@ from imapper_prob.api import demo_clip
 from imapper_prob.cli import main
 from imapper_prob.evaluate.suite import first_part
 from imapper_prob.models.scene import MEASURED_FOCAL, Clip
-from imapper_prob.results.report import (
+from imapper_prob.results.report import report
+from imapper_prob.results.report_moments import moments_of
+from imapper_prob.results.report_parts import table
+from imapper_prob.results.report_text import (
     answer,
     listed,
-    report,
     runner_up,
     sides_of,
     trust,
     warnings_of,
 )
-from imapper_prob.results.report_moments import moments_of
-from imapper_prob.results.report_parts import table
 from imapper_prob.samplers.verdict import Verdict
 from imapper_prob.uncertainty.checks import Check
 from tests.runs import posterior
