@@ -149,7 +149,7 @@ def warnings_of(
             f"Its probability is known to ± {best.error:.2f} only, from the draws that there are."
         )
     kinds = [
-        f"{name} with {cluster.labels[cluster.label]:.2f}"
+        f"{cluster.labels[cluster.label]:.2f} ({name})"
         for name, cluster in zip(names_of(clusters), clusters, strict=True)
         if cluster.label in SEATS
         and cluster.presence > _PROBABLE
@@ -157,8 +157,8 @@ def warnings_of(
     ]
     if kinds:
         said.append(
-            "Motion hardly tells the kind of a seat. The objects are rightly called so with these "
-            f"probabilities, if they are there: {', '.join(kinds)}."
+            "Motion hardly tells the kind of a seat. Its name in the table of objects is right "
+            f"with probability {', '.join(kinds)}, if it is there."
         )
     if not clip.focal_known:
         said.append(

@@ -246,7 +246,7 @@ def test_it_warns_where_it_should_and_nowhere_else() -> None:
     assert (couch.label, table.label) == ("couch", "table")
     doubted = replace(couch, labels={"couch": 0.52, "chair": 0.48})
     (kind,) = warnings_of(clip, samples, [best], clusters=[table, doubted])
-    assert kind.endswith("if they are there: couch with 0.52.")
+    assert kind.endswith("is right with probability 0.52 (couch), if it is there.")
     sure = [replace(couch, labels={"couch": 0.95}), replace(doubted, presence=0.4)]
     assert warnings_of(clip, samples, [best], clusters=sure) == ()
     focal = f"The focal length was assumed ({clip.camera.fx:.0f} px ± 20 %)"
