@@ -598,12 +598,16 @@ def _term(
 
 
 @inner
-def _most_pieces(cache: Cache, n: int) -> int:
-    """Number of boxes of a proposal, which has at most as many objects."""
+def _gather(problem: Problem, cache: Cache, n: int) -> tuple[Array, Array, Ints, Ints, Array]:
+    """Boxes, turns and categories of a proposal's objects, owners of boxes, and shares."""
     most = 0
     for i in range(n):
         most += cache.counts[cache.slots[1, i]]
-    return most
+    pieces, turns = np.empty((most, PIECE)), np.empty((most, 2))
+    owners = np.full(len(cache.boxes), -1, np.int64)
+    labels = _find_pieces(problem, cache, n, pieces, turns, owners)
+    count = len(labels)
+    return pieces[:count], turns[:count], labels, owners, _all_shares(problem, labels)
 
 
 @inner
@@ -623,15 +627,8 @@ def sum_given(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
     -------
     float
     """
-    most = _most_pieces(cache, n)
-    pieces, turns = np.empty((most, PIECE)), np.empty((most, 2))
-    owners, total = np.full(len(cache.boxes), -1, np.int64), 0.0
-    labels = _find_pieces(problem, cache, n, pieces, turns, owners)
-    pieces, turns, shares = (
-        pieces[: len(labels)],
-        turns[: len(labels)],
-        _all_shares(problem, labels),
-    )
+    total = 0.0
+    pieces, turns, _, owners, shares = _gather(problem, cache, n)
     for s in range(len(problem.given)):
         value = _term(problem, cache, n, camera, s, pieces, turns, owners, shares)
         total += problem.given_power[s] * value
@@ -661,15 +658,7 @@ def weigh_labels(evaluator: Evaluator, n: int, camera: Array) -> tuple[Array, In
         pieces are summed out.
     """
     problem, cache = evaluator.problem, evaluator.cache
-    most = _most_pieces(cache, n)
-    pieces, turns = np.empty((most, PIECE)), np.empty((most, 2))
-    owners = np.full(len(cache.boxes), -1, np.int64)
-    labels = _find_pieces(problem, cache, n, pieces, turns, owners)
-    pieces, turns, shares = (
-        pieces[: len(labels)],
-        turns[: len(labels)],
-        _all_shares(problem, labels),
-    )
+    pieces, turns, labels, owners, shares = _gather(problem, cache, n)
     chance, rows = problem.label_chance, problem.given_labels
     values = np.full((len(labels), len(chance)), -math.inf)
     only, cases = np.empty(len(chance)), np.empty(1 + len(chance))
