@@ -218,7 +218,8 @@ def match_objects(
 ) -> list[int] | None:
     """Indices in ``second`` of the partners of ``first``; None unless all objects pair up.
 
-    Partners have the same label, and centres at most ``radius`` metres apart in top view.
+    Partners have the same label or are both seats, and their centres are at most ``radius`` metres
+    apart in top view.
 
     Parameters
     ----------
@@ -231,14 +232,15 @@ def match_objects(
     list of int or None
         Indices in ``second``.
     """
-    if sorted(o.label for o in first) != sorted(o.label for o in second):
+    groups, others = ([group_of(o.label) for o in own] for own in (first, second))
+    if sorted(groups) != sorted(others):
         return None
     if not first:
         return []
     a = np.array([o.centre[:2] for o in first])
     b = np.array([o.centre[:2] for o in second])
     distance = np.linalg.norm(a[:, None] - b[None], axis=-1)
-    other = np.array([[f.label != s.label for s in second] for f in first])
+    other = np.array(groups)[:, None] != np.array(others)
     distance = np.where(other | (distance > radius), 1e6, distance)
     rows, columns = linear_sum_assignment(distance)
     if distance[rows, columns].max() >= 1e6:
@@ -327,20 +329,16 @@ def group_layouts(
 # ------------------------------------------------------------------------------------------------
 # The distance of two scenes is the least cost of transforming one set of objects into the other.
 #
-# Objects are moved, turned or relabelled if that is cheaper than removing and adding them. This is
-# optimal transport of unit masses with a price for unpaired ones, restricted to pairings. With
-# squared costs it is the generalised optimal sub-pattern assignment metric (Rahmathullah,
-# Garcia-Fernandez & Svensson 2017, alpha = 2). It is in metres, is 1 for one spurious object, and
-# grows with the number of differences.
+# Objects are moved and turned if that is cheaper than removing and adding them. This is optimal
+# transport of unit masses with a price for unpaired ones, restricted to pairings. With squared
+# costs it is the generalised optimal sub-pattern assignment metric (Rahmathullah, Garcia-Fernandez
+# & Svensson 2017, alpha = 2). It is in metres, is 1 for one spurious object, and grows with the
+# number of differences.
 
 _LEFT_OVER: Final = 1.0
 """Cost in metres of an object without a partner; the unit of the distance."""
-_RENAMED: Final = 0.5
-"""Cost in metres of another label in the same group; data hardly distinguish seats."""
 _TURNED: Final = 0.3
-"""Cost in metres a radian of rotation; half a turn costs almost as much as another seat."""
-_LOOKS_ALIKE: Final = {"table": 2, "stool": 4}
-"""Number of orientations in which an object looks the same; 1 for objects with a front."""
+"""Cost in metres a radian of rotation; half a turn costs almost as much as another object."""
 
 
 @dataclass(frozen=True)
@@ -365,6 +363,9 @@ class Pairing:
 
 def group_of(label: str) -> str:
     """The group of labels that may be paired: ``seat`` for all seats, else the label itself.
+
+    The kind of a seat is no part of a layout: in the model it differs from the kind of its scenelet
+    more often than not (docs/explanation/model.md, 11a), and has probabilities of its own.
 
     Parameters
     ----------
@@ -392,13 +393,12 @@ def object_distance(first: SceneObject, second: SceneObject) -> float:
     if group_of(first.label) != group_of(second.label):
         return float("inf")
     away = np.hypot(*(first.centre - second.centre)[:2])
-    renamed = _RENAMED if first.label != second.label else 0.0
-    return float(np.sqrt(away**2 + renamed**2 + (_TURNED * turn(first, second)) ** 2))
+    return float(np.hypot(away, _TURNED * turn(first, second)))
 
 
 def turn(first: SceneObject, second: SceneObject) -> float:
-    """Angle in radians, 0 to pi, between two orientations, modulo the objects' symmetry."""
-    fold = 2 * np.pi / max(_LOOKS_ALIKE.get(o.label, 1) for o in (first, second))
+    """Angle in radians, 0 to pi, of two orientations, modulo pi for objects without a front."""
+    fold = np.pi if first.label in FRONTLESS else 2 * np.pi
     angle = (second.placement.yaw - first.placement.yaw) % fold
     return float(min(angle, fold - angle))
 

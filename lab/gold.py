@@ -1,4 +1,4 @@
-"""How probable sets of labels are by long computations, which shorter runs are held against.
+"""How probable sets of objects are by long computations, which shorter runs are held against.
 
     python -m lab.gold FOLDER [CLIP ...] [--runs 3] [--steps 200000] [--workers 2]
 
@@ -6,7 +6,7 @@ samples each clip in several long independent runs: every copy of every chain st
 scene of its own, and each run learns its own reference distribution. ``demo`` is sampled if no clip
 is named; ``simulated-N`` is the clip that seed N simulates. A killed command continues where it
 was. The results for a clip are written to ``lab/gold.json``: the fraction of draws with each set of
-labels of merged objects, and its standard error from the scatter between runs.
+merged objects, all kinds of seats alike, and its standard error from the scatter between runs.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 import imapper_prob as im
 from imapper_prob.config import SampleSettings
 from imapper_prob.files import written_whole
+from imapper_prob.layouts import group_of
 from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.sampling.actors import join_actors
@@ -39,12 +40,12 @@ __all__ = ["GOLD", "distance", "known", "shares", "tabled"]
 Array = NDArray[np.float64]
 GOLD: Final = Path(__file__).with_name("gold.json")
 _RAREST: Final = 0.005
-"""Least fraction of a set of labels that is listed; rarer sets are combined."""
+"""Least fraction of a set of objects that is listed; rarer sets are combined."""
 _OTHERS: Final = "all others"
 
 
 def shares(objects: Sequence[Sequence[SceneObject]]) -> dict[str, float]:
-    """Fraction of draws with each set of labels.
+    """Fraction of draws with each set of objects, all kinds of seats alike.
 
     Parameters
     ----------
@@ -55,8 +56,9 @@ def shares(objects: Sequence[Sequence[SceneObject]]) -> dict[str, float]:
     -------
     dict of str to float
     """
-    counts = Counter(", ".join(sorted(o.label for o in own)) or "nothing" for own in objects)
-    return {labels: n / len(objects) for labels, n in counts.items()}
+    names = (sorted(group_of(o.label) for o in own) for own in objects)
+    counts = Counter(", ".join(own) or "nothing" for own in names)
+    return {one: n / len(objects) for one, n in counts.items()}
 
 
 def tabled(runs: Sequence[dict[str, float]]) -> dict[str, list[float]]:
@@ -72,18 +74,18 @@ def tabled(runs: Sequence[dict[str, float]]) -> dict[str, list[float]]:
     dict of str to list of float
     """
     values = {
-        labels: np.array([run.get(labels, 0.0) for run in runs])
-        for labels in {labels for run in runs for labels in run}
+        one: np.array([run.get(one, 0.0) for run in runs])
+        for one in {one for run in runs for one in run}
     }
-    often = {labels: own for labels, own in values.items() if own.mean() >= _RAREST}
+    often = {one: own for one, own in values.items() if own.mean() >= _RAREST}
     rest = 1.0 - sum(often.values(), np.zeros(len(runs)))
     rows = [*sorted(often.items(), key=lambda row: -row[1].mean()), (_OTHERS, rest)]
-    error = {labels: own.std(ddof=1) / math.sqrt(len(runs)) for labels, own in rows}
-    return {labels: [round(float(own.mean()), 4), round(error[labels], 4)] for labels, own in rows}
+    error = {one: own.std(ddof=1) / math.sqrt(len(runs)) for one, own in rows}
+    return {one: [round(float(own.mean()), 4), round(error[one], 4)] for one, own in rows}
 
 
 def distance(found: dict[str, float], gold: dict[str, list[float]]) -> float:
-    """Total variation distance between the label sets of a run and those of long runs.
+    """Total variation distance between the sets of objects of a run and those of long runs.
 
     Parameters
     ----------
@@ -95,9 +97,9 @@ def distance(found: dict[str, float], gold: dict[str, list[float]]) -> float:
     float
         From 0 to 1; unlisted sets count as one set.
     """
-    listed = {labels: p for labels, (p, _) in gold.items() if labels != _OTHERS}
-    rest = abs(gold[_OTHERS][0] - (1.0 - sum(found.get(labels, 0.0) for labels in listed)))
-    return 0.5 * (rest + sum(abs(p - found.get(labels, 0.0)) for labels, p in listed.items()))
+    listed = {one: p for one, (p, _) in gold.items() if one != _OTHERS}
+    rest = abs(gold[_OTHERS][0] - (1.0 - sum(found.get(one, 0.0) for one in listed)))
+    return 0.5 * (rest + sum(abs(p - found.get(one, 0.0)) for one, p in listed.items()))
 
 
 def known() -> dict[str, dict[str, list[float]]]:
@@ -126,7 +128,7 @@ def scattered(setup: Setup, seed: np.random.SeedSequence) -> list[list[State]]:
 def long_runs(
     name: str, folder: Path, count: int, settings: SampleSettings, workers: int
 ) -> list[dict[str, float]]:
-    """Fractions of sets of labels in each of some runs of a clip."""
+    """Fractions of sets of objects in each of some runs of a clip."""
     everybody = join_actors(im.solve(named_clip(name), im.load_library()).actors)
     setup, found = setup_of(everybody, settings), []
     for run in range(count):
@@ -161,8 +163,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with written_whole(GOLD) as path:
             path.write_text(json.dumps(tables, indent=1) + "\n", encoding="utf-8")
         sys.stdout.write(f"{clip}\n")
-        for labels, (share, error) in table.items():
-            sys.stdout.write(f"  {labels:40} {share:.3f} ± {error:.3f}\n")
+        for one, (share, error) in table.items():
+            sys.stdout.write(f"  {one:40} {share:.3f} ± {error:.3f}\n")
 
 
 if __name__ == "__main__":

@@ -62,8 +62,8 @@ class Seeds:
         Whether the run's verdict is convergence.
     seconds : (S,) float
         Duration of sampling.
-    labels : tuple of S dict of str to float
-        Fraction of draws with each set of labels.
+    sets : tuple of S dict of str to float
+        Fraction of draws with each set of objects.
     chains : tuple of S (C, K) float
         Fractions of the draws of each chain.
     scenelets : tuple of S (C, N) int
@@ -77,7 +77,7 @@ class Seeds:
     best: Array
     good: NDArray[np.bool_]
     seconds: Array
-    labels: tuple[dict[str, float], ...] = ()
+    sets: tuple[dict[str, float], ...] = ()
     chains: tuple[Array, ...] = ()
     scenelets: tuple[NDArray[np.int64], ...] = ()
 
@@ -159,12 +159,13 @@ def tables(found: dict[str, Seeds]) -> str:
     """Markdown tables of clips, and of their most probable layouts."""
     lines = [
         "| clip | seeds | converged | s | R-hat of layouts | effective draws of layouts "
-        "| best log posterior | distance of a seed from the others | of labels, from long runs |",
+        "| best log posterior | distance of a seed from the others "
+        "| of sets of objects, from long runs |",
         "|---|" + "---:|" * 8,
     ]
     long = known() if GOLD.exists() else {}
     for clip, one in found.items():
-        away = np.array([distance(own, long[clip]) for own in one.labels if clip in long])
+        away = np.array([distance(own, long[clip]) for own in one.sets if clip in long])
         lines.append(
             f"| {clip} | {len(one.best)} | {int(one.good.sum())} | {one.seconds.mean():.0f} "
             f"| {_spread(one.worst_rhat, '.2f')} | {_spread(one.effective, '.0f')} "

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, Final, TypeVar
 
 import numpy as np
 
-__all__ = ["Listed", "brief", "in_markdown", "readable", "with_error"]
+__all__ = ["Listed", "brief", "counted", "in_markdown", "plural", "readable", "with_error"]
 
 T = TypeVar("T")
 _UNKNOWN: Final = "\N{REPLACEMENT CHARACTER}"
@@ -70,6 +71,47 @@ def with_error(value: float, error: float) -> str:
 
 _MARKS: Final = "\\`*<|["
 """Characters that Markdown takes for code, emphasis, HTML, the end of a table's cell and a link."""
+
+
+def plural(name: str) -> str:
+    """The plural of a piece of furniture.
+
+    Parameters
+    ----------
+    name : str
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> plural("shelf"), plural("bench"), plural("seat")
+    ('shelves', 'benches', 'seats')
+    """
+    if name.endswith("f"):
+        return f"{name[:-1]}ves"
+    return f"{name}es" if name.endswith(("ch", "sh", "s", "x")) else f"{name}s"
+
+
+def counted(names: Iterable[str]) -> str:
+    """Names with their numbers, in order of first mention; ``none`` if there are none.
+
+    Parameters
+    ----------
+    names : iterable of str
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> counted(["seat", "table", "seat"])
+    '2 seats, 1 table'
+    """
+    found = Counter(names).items()
+    return ", ".join(f"{n} {plural(name) if n > 1 else name}" for name, n in found) or "none"
 
 
 def in_markdown(text: str) -> str:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Clip, Scene, Truth
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.models.text import in_markdown, with_error
+from imapper_prob.models.text import counted, in_markdown, with_error
 from imapper_prob.recording.posterior import HIDDEN, Certainty, chain_entity, trace_entity
 from imapper_prob.recording.shapes import own_entity
 from imapper_prob.uncertainty.clusters import ObjectCluster
@@ -22,7 +22,6 @@ __all__ = [
     "TITLES",
     "caption",
     "certainty_text",
-    "contents",
     "make_blueprint",
     "moves_text",
     "scene_name",
@@ -80,22 +79,6 @@ def scene_name(number: int, weighted: WeightedScene) -> str:
     return f"Scene {number}: p = {with_error(weighted.probability, weighted.error)}"
 
 
-def contents(scene: Scene) -> str:
-    """List the furniture of a scene, as in ``"2 chair, table"``.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    str
-    """
-    labels = sorted(o.label for o in scene.objects)
-    counts = {label: labels.count(label) for label in labels}
-    return ", ".join(f"{n} {label}" if n > 1 else label for label, n in counts.items()) or "nothing"
-
-
 def caption(description: str, scenes: Sequence[WeightedScene]) -> str:
     """The text panel in Markdown: a description, the scenes in a table, and a legend.
 
@@ -110,7 +93,7 @@ def caption(description: str, scenes: Sequence[WeightedScene]) -> str:
     """
     rows = [
         f"| {i} | {with_error(s.probability, s.error)} | "
-        f"{in_markdown(contents(s.scene))} | {in_markdown(s.difference)} |"
+        f"{in_markdown(counted(s.names))} | {in_markdown(s.difference)} |"
         for i, s in enumerate(scenes, 1)
     ]
     header = "| scene | probability | furniture | unlike the first |"

@@ -37,12 +37,12 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Scene, SceneObject, Truth
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.text import counted
 from imapper_prob.people import at_one_time, by_person, everybody
 from imapper_prob.recording import palette, shapes
 from imapper_prob.recording.blueprint import (
     caption,
     certainty_text,
-    contents,
     make_blueprint,
     moves_text,
     scene_name,
@@ -448,6 +448,6 @@ def _log_by_scene(
         ),
     )
 
-    texts = [drawable(f"{scene_name(i, s)}: {contents(s.scene)}") for i, s in enumerate(scenes, 1)]
+    texts = [drawable(f"{scene_name(i, s)}: {counted(s.names)}") for i, s in enumerate(scenes, 1)]
     summaries = rr.TextDocument.columns(text=texts)
     recording.send_columns("summary", indexes=[index], columns=summaries, strict=True)

@@ -208,7 +208,7 @@ def _scene_table(posterior: Posterior) -> str:
     rows = [
         [
             str(number),
-            listed(weighted.scene.objects),
+            listed(weighted.names),
             weighted.difference or "the most probable one",
             with_error(weighted.probability, weighted.error),
             *(f"{share:.2f}" for share in posterior.scene_probabilities.by_chain[:, number - 1]),

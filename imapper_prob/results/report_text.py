@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.scene import SEATS, Clip, SceneObject
-from imapper_prob.models.text import with_error
+from imapper_prob.models.scene import SEATS, Clip
+from imapper_prob.models.text import plural, with_error
 from imapper_prob.people import by_person, everybody, own_part
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.solver.detections import elsewhere_frames
@@ -48,7 +48,7 @@ def answer(scenes: Sequence[WeightedScene]) -> str:
     -------
     str
     """
-    there = listed(scenes[0].scene.objects)
+    there = listed(scenes[0].names)
     verb = "is" if there.startswith(("one ", "no ")) else "are"
     return f"Most probably ({_share(scenes[0])}) there {verb} {there}."
 
@@ -67,28 +67,25 @@ def runner_up(scenes: Sequence[WeightedScene]) -> str:
     if len(scenes) < 2:
         return ""
     second = scenes[1]
-    there = listed(second.scene.objects)
+    there = listed(second.names)
     return f"If not, then next ({_share(second)}) {there}; unlike the first: {second.difference}."
 
 
-def listed(objects: Sequence[SceneObject]) -> str:
-    """Count objects in words: ``"two chairs and one table"``.
+def listed(names: Sequence[str]) -> str:
+    """Count objects in words: ``"two seats and one table"``.
 
     Parameters
     ----------
-    objects : sequence of SceneObject
+    names : sequence of str
 
     Returns
     -------
     str
     """
-    labels = [o.label for o in objects]
-    counts = {
-        label: labels.count(label) for label in sorted(labels, key=lambda n: (-labels.count(n), n))
-    }
+    counts = {name: names.count(name) for name in sorted(names, key=lambda n: (-names.count(n), n))}
     parts = [
-        f"{_NUMBERS[n] if n < len(_NUMBERS) else n} {_plural(label) if n > 1 else label}"
-        for label, n in counts.items()
+        f"{_NUMBERS[n] if n < len(_NUMBERS) else n} {plural(name) if n > 1 else name}"
+        for name, n in counts.items()
     ]
     if not parts:
         return "no furniture that the motion tells of"
@@ -242,7 +239,7 @@ def caption(number: int, weighted: WeightedScene) -> str:
     str
     """
     parts = [
-        f"Scene {number}, {_share(weighted)}: {listed(weighted.scene.objects)}",
+        f"Scene {number}, {_share(weighted)}: {listed(weighted.names)}",
     ]
     if weighted.difference:
         parts.append(f"Unlike the first: {weighted.difference}")
@@ -262,12 +259,6 @@ def _sides(flipped: NDArray[np.float64], frame_ids: NDArray[np.int64], *, of: st
 
 def _share(weighted: WeightedScene) -> str:
     return f"probability {with_error(weighted.probability, weighted.error)}"
-
-
-def _plural(label: str) -> str:
-    if label.endswith("f"):
-        return f"{label[:-1]}ves"
-    return f"{label}es" if label.endswith(("ch", "sh", "s", "x")) else f"{label}s"
 
 
 # ------------------------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ from imapper_prob.models.drawing import axes_for
 from imapper_prob.models.log_posterior import State, empty_state, motion
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.text import counted
 from imapper_prob.plotting import category_colour
 from imapper_prob.solver.actors import Solved, SolvedScene
 from imapper_prob.solver.candidates import Candidate, Fate, MaximumTable, Shortlisted
@@ -308,9 +309,8 @@ def scenes_table(solved: Solved) -> Table:
     for name in ("", "log-posterior", "objects"):
         table.add_column(name, justify="right" if name != "objects" else "left")
     for number, scene in enumerate(solved.scenes, 1):
-        labels = [o.label for o in scene.objects]
-        counted = ", ".join(f"{labels.count(n)} {n}" for n in dict.fromkeys(labels))
-        table.add_row(str(number), f"{scene.log_posterior:.1f}", counted or "none")
+        objects = counted(o.label for o in scene.objects)
+        table.add_row(str(number), f"{scene.log_posterior:.1f}", objects)
     return table
 
 

@@ -1,8 +1,8 @@
 """Scenes with their probabilities: made of layouts, described and compared.
 
-Layouts are fine-grained: a chair instead of a stool makes another layout, and dozens of layouts
-share the probability. A scene consists of all layouts within a given distance of its most probable
-one, and its probability is the sum of theirs.
+Layouts are fine-grained: dozens of them share the probability. A scene consists of all layouts
+within a given distance of its most probable one, and its probability is the sum of theirs. Neither
+distinguishes kinds of seats, which have probabilities of their own.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.layouts import match_objects, pair_objects, turn
+from imapper_prob.layouts import group_of, match_objects, pair_objects, turn
 from imapper_prob.models.drawing import INK, axes_for, draw_paths, picture_of
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.log_posterior import State
@@ -122,13 +122,18 @@ class WeightedScene:
     draw: int = -1
 
     def __repr__(self) -> str:
-        names = ", ".join(o.label for o in self.scene.objects) or "nothing"
+        names = ", ".join(self.names) or "nothing"
         return f"WeightedScene(p = {with_error(self.probability, self.error)}: {names:.200})"
 
     @property
     def objects(self) -> tuple[SceneObject, ...]:
         """Furniture of the representative draw, in its world frame."""
         return self.scene.objects
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the objects, without the kinds of seats: ``seat`` for each seat."""
+        return tuple(group_of(o.label) for o in self.scene.objects)
 
     def plot(self, ax: Axes | None = None, *, people: int = 1) -> Axes:
         """Draw the scene from above with its probability, and other draws of the path in grey.
@@ -225,7 +230,7 @@ def representative(
 
 APART: Final = 0.9
 """Distance at which layouts are different scenes, metres, see :mod:`imapper_prob.layouts`: an
-object more or less counts 1, another kind of seat 0.7."""
+object more or less counts 1."""
 
 
 def group_scenes(layouts: Sequence[Sequence[SceneObject]]) -> NDArray[np.int64]:
@@ -266,7 +271,8 @@ _TURNED: Final = np.radians(30)
 def describe_difference(best: Sequence[SceneObject], other: Sequence[SceneObject]) -> str:
     """Describe the differences of a scene from the best one, as seen from the camera.
 
-    If two objects have the same label, their distance tells which one is meant.
+    Seats of all kinds are called seats. If two objects have the same name, their distance tells
+    which one is meant.
 
     Parameters
     ----------
@@ -277,18 +283,17 @@ def describe_difference(best: Sequence[SceneObject], other: Sequence[SceneObject
     Returns
     -------
     str
-        Such as "a stool instead of the couch, 0.4 m nearer; no table; also a shelf 1.2 m to the
-        right and 4.0 m away".
+        Such as "the seat 0.4 m nearer; no table; also a shelf 1.2 m to the right and 4.0 m away".
     """
     found = pair_objects(best, other)
-    labels = [o.label for o in best]
+    groups = [group_of(o.label) for o in best]
     names = [
-        o.label if labels.count(o.label) == 1 else f"{o.label} (at {o.centre[1]:.1f} m)"
-        for o in best
+        group if groups.count(group) == 1 else f"{group} (at {o.centre[1]:.1f} m)"
+        for group, o in zip(groups, best, strict=True)
     ]
     parts = [_change(names[i], best[i], other[j]) for i, j in found.pairs]
     parts += [f"no {names[i]}" for i in found.only_first]
-    parts += [f"also a {other[j].label} {where(other[j])}" for j in found.only_second]
+    parts += [f"also a {group_of(other[j].label)} {where(other[j])}" for j in found.only_second]
     return "; ".join(part for part in parts if part) or "the same furniture, nearly as it stands"
 
 
@@ -323,8 +328,6 @@ def _change(name: str, first: SceneObject, second: SceneObject) -> str:
     turned = turn(first, second)
     if turned > _TURNED:
         moves.append(f"turned by {np.degrees(turned):.0f}°")
-    if first.label != second.label:
-        return ", ".join([f"a {second.label} instead of the {name}", *moves])
     return f"the {name} {', '.join(moves)}" if moves else ""
 
 

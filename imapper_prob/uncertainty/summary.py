@@ -15,14 +15,14 @@ from xarray import Dataset
 
 from imapper_prob.layouts import group_of
 from imapper_prob.models.scene import Clip, SceneObject, Truth
-from imapper_prob.models.text import in_markdown, with_error
+from imapper_prob.models.text import counted, in_markdown, with_error
 from imapper_prob.sampling.ensembles import describe_walked
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import Check
 from imapper_prob.uncertainty.scenes import WeightedScene
 
 __all__ = [
-    "check_table", "describe", "distances_to_truth", "furniture", "object_rows",
+    "check_table", "describe", "distances_to_truth", "object_rows",
     "object_table", "scene_table",
 ]  # fmt: skip
 
@@ -50,26 +50,10 @@ def scene_table(scenes: Sequence[WeightedScene]) -> Table:
         table.add_row(
             str(number),
             with_error(weighted.probability, weighted.error),
-            furniture(weighted),
+            counted(weighted.names),
             _shortened(weighted.layouts),
         )
     return table
-
-
-def furniture(weighted: WeightedScene) -> str:
-    """The objects of a scene with their counts, as text.
-
-    Parameters
-    ----------
-    weighted : WeightedScene
-
-    Returns
-    -------
-    str
-    """
-    labels = [o.label for o in weighted.scene.objects]
-    counted = [f"{labels.count(n)} {n}" for n in dict.fromkeys(labels)]
-    return ", ".join(counted) or "none"
 
 
 def _shortened(layouts: Sequence[int]) -> str:
@@ -111,9 +95,12 @@ def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) 
     -------
     rich.table.Table
     """
-    caption = 'Over all draws; ± is a standard deviation, of "there" the Monte-Carlo error.'
+    caption = (
+        'Over all draws; ± is a standard deviation, of "there" the Monte-Carlo error. "label" is '
+        "the probability that the object is called rightly, if it is there."
+    )
     table = Table(title="Objects", title_justify="left", caption=caption, caption_justify="left")
-    for name in ("", "there", "right x [m]", "away y [m]", "facing [°]"):
+    for name in ("", "there", "label", "right x [m]", "away y [m]", "facing [°]"):
         table.add_column(Text(name), justify="left" if not name else "right")
     errors = None
     if truth is not None:
@@ -125,6 +112,7 @@ def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) 
         cells = [
             str(row["label"]),
             with_error(row["presence"], row["presence_error"]),
+            f"{row['label_probability']:.2f}",
             f"{row['x']:.2f} ± {row['x_sd']:.2f}",
             f"{row['y']:.2f} ± {row['y_sd']:.2f}",
             turned,

@@ -32,7 +32,6 @@ from imapper_prob.results.report_text import (
 from imapper_prob.samplers.verdict import Verdict
 from imapper_prob.uncertainty.checks import Check
 from tests.runs import posterior
-from tests.uncertainty.test_scenes import item
 
 VOID = {"meta", "input"}
 LARGEST = 4_000_000
@@ -188,11 +187,9 @@ def test_names_cannot_break_the_page() -> None:
 
 def test_rooms_in_words() -> None:
     assert listed([]) == "no furniture that the motion tells of"
-    assert listed([item("table")]) == "one table"
-    assert listed([item("shelf"), item("couch"), item("couch"), item("bench")]) == (
-        "two couches, one bench and one shelf"
-    )
-    assert listed([item("shelf")] * 11) == "11 shelves"
+    assert listed(["table"]) == "one table"
+    assert listed(["shelf", "couch", "couch", "bench"]) == ("two couches, one bench and one shelf")
+    assert listed(["shelf"] * 11) == "11 shelves"
     best = posterior().scenes(1)[0]
     chair = replace(best, probability=0.6, error=0.1, scene=replace(best.scene, objects=()))
     assert answer([chair]) == (

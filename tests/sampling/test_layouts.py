@@ -69,11 +69,13 @@ def test_a_table_across_another_is_the_same() -> None:
     assert same_objects([(0, one), (1, couch(0.1, 4.0, 3.1, label="shelf"))], 0.6) == [[0], [1]]
 
 
-def test_matching_needs_labels_and_nearness() -> None:
-    first = [couch(0, 3), couch(2, 3, label="chair")]
+def test_matching_needs_groups_of_labels_and_nearness() -> None:
+    first = [couch(0, 3), couch(2, 3, label="table")]
     assert match_objects(first, first[::-1], radius=0.5) == [1, 0]
+    assert match_objects(first, [first[1], couch(0, 3, label="chair")], radius=0.5) == [1, 0]
     assert match_objects(first, [couch(0, 3), couch(2, 3)], radius=0.5) is None
-    assert match_objects(first, [couch(0.6, 3), couch(2, 3, label="chair")], radius=0.5) is None
+    assert match_objects(first, [couch(0, 3), couch(2, 3, label="shelf")], radius=0.5) is None
+    assert match_objects(first, [couch(0.6, 3), couch(2, 3, label="table")], radius=0.5) is None
     assert match_objects(first, first[:1], radius=0.5) is None
     assert match_objects([], [], radius=0.5) == []
 
