@@ -95,7 +95,7 @@ def plural(name: str) -> str:
 
 
 def counted(names: Iterable[str]) -> str:
-    """Names with their numbers, in order of first mention; ``none`` if there are none.
+    """Names with their numbers, the most frequent first; ``none`` if there are none.
 
     Parameters
     ----------
@@ -107,10 +107,10 @@ def counted(names: Iterable[str]) -> str:
 
     Examples
     --------
-    >>> counted(["seat", "table", "seat"])
+    >>> counted(["table", "seat", "seat"])
     '2 seats, 1 table'
     """
-    found = Counter(names).items()
+    found = Counter(sorted(names)).most_common()
     return ", ".join(f"{n} {plural(name) if n > 1 else name}" for name, n in found) or "none"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import Final
 
@@ -82,10 +83,9 @@ def listed(names: Sequence[str]) -> str:
     -------
     str
     """
-    counts = {name: names.count(name) for name in sorted(names, key=lambda n: (-names.count(n), n))}
     parts = [
         f"{_NUMBERS[n] if n < len(_NUMBERS) else n} {plural(name) if n > 1 else name}"
-        for name, n in counts.items()
+        for name, n in Counter(sorted(names)).most_common()
     ]
     if not parts:
         return "no furniture that the motion tells of"

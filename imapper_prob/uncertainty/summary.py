@@ -96,11 +96,11 @@ def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) 
     rich.table.Table
     """
     caption = (
-        'Over all draws; ± is a standard deviation, of "there" the Monte-Carlo error. "label" is '
-        "the probability that the object is called rightly, if it is there."
+        'Over all draws; ± is a standard deviation, of "there" the Monte-Carlo error. After a '
+        "name: the probability that it is right, if the object is there."
     )
     table = Table(title="Objects", title_justify="left", caption=caption, caption_justify="left")
-    for name in ("", "there", "label", "right x [m]", "away y [m]", "facing [°]"):
+    for name in ("", "there", "right x [m]", "away y [m]", "facing [°]"):
         table.add_column(Text(name), justify="left" if not name else "right")
     errors = None
     if truth is not None:
@@ -108,11 +108,11 @@ def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) 
         places = np.array([[row["x"], row["y"]] for row in rows]).reshape(-1, 2)
         errors = _distances([str(row["label"]) for row in rows], places, truth.objects)
     for k, row in enumerate(rows):
+        name, sure = str(row["label"]), float(row["label_probability"])
         turned = f"{np.degrees(row['yaw']) % 360:.0f} ± {np.degrees(row['yaw_sd']):.0f}"
         cells = [
-            str(row["label"]),
+            name if round(sure, 2) == 1 else f"{name} {sure:.2f}",
             with_error(row["presence"], row["presence_error"]),
-            f"{row['label_probability']:.2f}",
             f"{row['x']:.2f} ± {row['x_sd']:.2f}",
             f"{row['y']:.2f} ± {row['y_sd']:.2f}",
             turned,
