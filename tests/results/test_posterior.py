@@ -110,6 +110,10 @@ def test_tables_say_what_the_scenes_say() -> None:
     for row in rows:
         assert f"{row['x']:.2f} ± {row['x_sd']:.2f}" in text
         assert f"{row['presence']:.2f} ±" in text
+        doubtful = row["label_probability"] < 0.995
+        assert (f"{row['label']} {row['label_probability']:.2f} " in text) == doubtful
+    assert any(row["label_probability"] < 0.995 for row in rows)
+    assert " seat" in text
     assert text.count("[m]") == 3
     assert "from truth" in text
 
