@@ -364,8 +364,8 @@ class Pairing:
 def group_of(label: str) -> str:
     """The group of labels that may be paired: ``seat`` for all seats, else the label itself.
 
-    The kind of a seat is no part of a layout: in the model it differs from the kind of its scenelet
-    more often than not (docs/explanation/model.md, 11a), and has probabilities of its own.
+    The kind of a seat is no part of a layout: in the model, only a small part of its probability
+    comes from its scenelet (docs/explanation/model.md, 11a).
 
     Parameters
     ----------

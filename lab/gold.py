@@ -58,7 +58,7 @@ def shares(objects: Sequence[Sequence[SceneObject]]) -> dict[str, float]:
     """
     names = (sorted(group_of(o.label) for o in own) for own in objects)
     counts = Counter(", ".join(own) or "nothing" for own in names)
-    return {one: n / len(objects) for one, n in counts.items()}
+    return {name: n / len(objects) for name, n in counts.items()}
 
 
 def tabled(runs: Sequence[dict[str, float]]) -> dict[str, list[float]]:
@@ -73,15 +73,12 @@ def tabled(runs: Sequence[dict[str, float]]) -> dict[str, list[float]]:
     -------
     dict of str to list of float
     """
-    values = {
-        one: np.array([run.get(one, 0.0) for run in runs])
-        for one in {one for run in runs for one in run}
-    }
-    often = {one: own for one, own in values.items() if own.mean() >= _RAREST}
+    values = {name: np.array([run.get(name, 0.0) for run in runs]) for name in set().union(*runs)}
+    often = {name: own for name, own in values.items() if own.mean() >= _RAREST}
     rest = 1.0 - sum(often.values(), np.zeros(len(runs)))
     rows = [*sorted(often.items(), key=lambda row: -row[1].mean()), (_OTHERS, rest)]
-    error = {one: own.std(ddof=1) / math.sqrt(len(runs)) for one, own in rows}
-    return {one: [round(float(own.mean()), 4), round(error[one], 4)] for one, own in rows}
+    error = {name: own.std(ddof=1) / math.sqrt(len(runs)) for name, own in rows}
+    return {name: [round(float(own.mean()), 4), round(error[name], 4)] for name, own in rows}
 
 
 def distance(found: dict[str, float], gold: dict[str, list[float]]) -> float:
@@ -97,9 +94,9 @@ def distance(found: dict[str, float], gold: dict[str, list[float]]) -> float:
     float
         From 0 to 1; unlisted sets count as one set.
     """
-    listed = {one: p for one, (p, _) in gold.items() if one != _OTHERS}
-    rest = abs(gold[_OTHERS][0] - (1.0 - sum(found.get(one, 0.0) for one in listed)))
-    return 0.5 * (rest + sum(abs(p - found.get(one, 0.0)) for one, p in listed.items()))
+    listed = {name: p for name, (p, _) in gold.items() if name != _OTHERS}
+    rest = abs(gold[_OTHERS][0] - (1.0 - sum(found.get(name, 0.0) for name in listed)))
+    return 0.5 * (rest + sum(abs(p - found.get(name, 0.0)) for name, p in listed.items()))
 
 
 def known() -> dict[str, dict[str, list[float]]]:
@@ -163,8 +160,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         with written_whole(GOLD) as path:
             path.write_text(json.dumps(tables, indent=1) + "\n", encoding="utf-8")
         sys.stdout.write(f"{clip}\n")
-        for one, (share, error) in table.items():
-            sys.stdout.write(f"  {one:40} {share:.3f} ± {error:.3f}\n")
+        for name, (share, error) in table.items():
+            sys.stdout.write(f"  {name:40} {share:.3f} ± {error:.3f}\n")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Make text from the input safe to print, and describe large objects in one line.
+"""Make text from the input safe to print, count names, and describe large objects in one line.
 
 A clip or a posterior holds hundreds of arrays, and the default text of a dataclass would print all
 their numbers. :func:`brief` describes arrays by type and shape, and sequences by length.

@@ -259,7 +259,3 @@ def _sides(flipped: NDArray[np.float64], frame_ids: NDArray[np.int64], *, of: st
 
 def _share(weighted: WeightedScene) -> str:
     return f"probability {with_error(weighted.probability, weighted.error)}"
-
-
-# ------------------------------------------------------------------------------------------------
-# The page.
