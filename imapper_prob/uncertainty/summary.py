@@ -100,11 +100,11 @@ def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) 
         "name: the probability that it is right, if the object is there."
     )
     table = Table(title="Objects", title_justify="left", caption=caption, caption_justify="left")
-    for name in ("", "there", "right x [m]", "away y [m]", "facing [°]"):
+    for name in ("", "there", "right x\n[m]", "away y\n[m]", "facing\n[°]"):
         table.add_column(Text(name), justify="left" if not name else "right")
     errors = None
     if truth is not None:
-        table.add_column(Text("from truth [m]"), justify="right")
+        table.add_column(Text("from\ntruth [m]"), justify="right")
         places = np.array([[row["x"], row["y"]] for row in rows]).reshape(-1, 2)
         errors = _distances([str(row["label"]) for row in rows], places, truth.objects)
     for k, row in enumerate(rows):

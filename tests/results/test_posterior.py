@@ -101,7 +101,7 @@ def test_a_file_that_is_no_posterior_is_refused(tmp_path: Path) -> None:
 
 def test_tables_say_what_the_scenes_say() -> None:
     run = posterior()
-    console = Console(width=120, record=True, file=StringIO())
+    console = Console(width=80, record=True, file=StringIO())
     console.print(scene_table(run.scenes()))
     rows = object_rows(run.summary())
     console.print(object_table(rows, run.clip.truth))
@@ -115,7 +115,7 @@ def test_tables_say_what_the_scenes_say() -> None:
     assert any(row["label_probability"] < 0.995 for row in rows)
     assert " seat" in text
     assert text.count("[m]") == 3
-    assert "from truth" in text
+    assert "truth [m]" in text
 
 
 def test_what_is_not_there_is_said() -> None:
