@@ -50,9 +50,10 @@ _LATER_FROM: Final = 5000
 have visited since is little, and the demo has fewer effective draws if it learns from that."""
 _MOST: Final = 40
 """Largest number of references after burn-in: enough for a thousand times its rounds."""
-_NOTED: Final = 200
-"""Approximate number of rounds from one reference to the next whose states are recorded; chosen:
-they take megabytes."""
+_NOTED: Final = 1000
+"""Least number of rounds from one reference to the next whose states are recorded, if there are as
+many, less than twice as many at most; chosen: references learnt from a fifth of these lack scenes
+of large probability, and chains stay long in such scenes. Recorded states take megabytes."""
 _BLOCKS: Final = 4
 """Blocks of a run of ``steps``; each is long compared with the start of processes."""
 

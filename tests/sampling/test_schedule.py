@@ -116,8 +116,8 @@ def test_learning_is_as_often_as_said() -> None:
     rounds = range(1, usual.rounds)
     stages = zip(learning.ends, learning.ends[1:], strict=False)
     noted = [sum(learning.has(at) for at in rounds if low < at <= high) for low, high in stages]
-    assert noted[:8] == 8 * [250]
-    assert all(200 <= count < 400 for count in noted[8:12])
+    assert noted[:8] == 8 * [750]
+    assert all(1000 <= count < 2000 for count in noted[8:12])
     assert learning_of(replace(usual, burn_in=0.0)).ends == ()
     short = learning_of(replace(usual, steps=2000, draws=10))
     assert short.ends[:7] == (0, 20, 40, 60, 80, 100, 120)
