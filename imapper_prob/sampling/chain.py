@@ -37,8 +37,8 @@ from imapper_prob.sampling.steps import MOVES, Moves, Walker, parts_of, scene_mo
 from imapper_prob.sampling.visits import Visits, camera_shape
 
 __all__ = [
-    "Chain", "Setup", "Tempered", "learnt_from", "run_chain", "starts_of", "temperatures_of",
-    "tempered",
+    "Chain", "Setup", "Tempered", "first_used", "learnt_from", "run_chain", "starts_of",
+    "temperatures_of", "tempered",
 ]  # fmt: skip
 
 
@@ -211,6 +211,8 @@ def run_chain(
             if now and now == learning.last_of_burn_in:
                 _thin_ladder(done, setup.temperatures or temperatures_of(settings, [done.barrier]))
             done.position = _anew(done.position, learnt)
+            unused = slice(1, first_used(len(done.visits) - 1))
+            done.visits[unused] = [Visits() for _ in done.visits[unused]]
         if now in (*learning.ends, burn_in) and now <= burn_in:
             done.count_anew()
         stops = (*learning.ends, burn_in, settings.rounds, end)
@@ -409,7 +411,7 @@ def learnt_from(setup: Setup) -> Tempered:
     """
     known = setup.known
     if len(known) > 1:
-        walks, later = known[0], known[1 + (len(known) - 1) // 2 :]
+        walks, later = known[0], known[first_used(len(known)) :]
         count = sum(visits.n_states for of in later for visits in of)
         again = max(1, round(_STARTS * count / max(1, sum(walk.n_states for walk in walks))))
         by_chain = zip_longest(*repeat(walks, again), *later, fillvalue=Visits())
@@ -418,6 +420,24 @@ def learnt_from(setup: Setup) -> Tempered:
     for state in setup.staged:
         staged.note(state)
     return tempered(setup, Visits.together([staged, *(v for of in known for v in of)]))
+
+
+def first_used(count: int) -> int:
+    """Index of the first visits after the walks' that are in use once references were learnt.
+
+    Earlier ones are not used by later references either.
+
+    Parameters
+    ----------
+    count : int
+        How many times visits were recorded, including the walks'; as many references were learnt
+        after the first one.
+
+    Returns
+    -------
+    int
+    """
+    return 1 + (count - 1) // 2 if count else 1
 
 
 def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:

@@ -230,53 +230,77 @@ def _rows(
     inside = np.ones(len(codes), bool)
     inside[ends - 1] = False
     codes[inside] = items[:, 1] * n_scenelets + items[:, 0]
-    # The predecessor of each: start, end and kind of a scenelet, or the beginning.
-    before = np.zeros((len(codes), 3), np.int64)
-    before[:, 0] = -1
+    # Of what comes before: the kind, the frame after the last one, and that after the first one.
+    kind, end, begun = np.zeros((3, len(codes)), np.int64)
     after_item = np.flatnonzero(inside) + 1
-    before[after_item, 0] = items[:, 1]
-    before[after_item, 1] = items[:, 1] + lengths[items[:, 0]]
-    before[after_item, 2] = kinds[items[:, 0]]
+    kind[after_item] = kinds[items[:, 0]]
+    end[after_item] = items[:, 1] + lengths[items[:, 0]]
+    begun[after_item] = items[:, 1] + 1
+    followed = _followed(*_counted(kind, end, codes), lengths, room)
+    later = _later(*_counted(codes, begun), lengths, room)
+    return _gathered(followed, n_kinds * (n_frames + 1)), _gathered(later, n_frames + 1)
+
+
+def _counted(*columns: Ints) -> tuple[tuple[Ints, ...], Array]:
+    """Distinct rows of columns of integers from 0 on, in ascending order, and how often each
+    occurs."""
     # Numbers instead of rows, because these take three times as long.
-    base = (n_frames + 1, n_frames + 1, n_kinds, n_frames * n_scenelets + 1)
-    columns = (before[:, 0] + 1, before[:, 1], before[:, 2], codes)
+    base = tuple(int(column.max(initial=0)) + 1 for column in columns)
     met, times = np.unique(np.ravel_multi_index(columns, base), return_counts=True)
-    start_before, end_before, kind, code = np.unravel_index(met, base)
-    start_before, weight = start_before - 1, times.astype(float)
-    ending = code == n_frames * n_scenelets
-    start, scenelet = np.where(ending, n_frames, code // n_scenelets), code % n_scenelets
-    followed: list[tuple[Ints, Ints, Array]] = []
-    later: list[tuple[Ints, Ints, Array]] = []
+    return np.unravel_index(met, base), times.astype(np.float64)
+
+
+Entries = list[tuple[Ints, Ints, Array]]
+
+
+def _followed(met: tuple[Ints, ...], weight: Array, lengths: Ints, room: Ints) -> Entries:
+    """Entries (row, code, weight) by kind and end of the scenelet before, smoothed in time."""
+    kind, end_before, code = met
+    n_frames = len(room) - 1
+    start, scenelet = np.divmod(code, len(lengths))
+    ending = start == n_frames
     flush = ~ending & (start == end_before) & (kind > 0)
+    entries: Entries = []
     for by, share in _SHIFTS.items():
         end = end_before + np.where(kind > 0, by, 0)
         sound = (end >= 0) & (end <= n_frames)
         row = kind * (n_frames + 1) + end
         last = sound & ending
-        followed.append((row[last], code[last], share * weight[last]))
-        _add(followed, row, end, scenelet, share * weight, sound & flush, lengths, room)
+        entries.append((row[last], code[last], share * weight[last]))
+        _add(entries, row, end, scenelet, share * weight, sound & flush, lengths, room)
         for off, part in _SHIFTS.items():
             where = sound & ~flush & ~ending & (start + off >= end)
-            _add(
-                followed, row, start + off, scenelet, share * part * weight, where, lengths, room
-            )  # fmt: skip
-        # From each frame after the start of the predecessor up to this start.
-        low, high = start_before + 1, np.where(ending, n_frames, start + by)
-        span = np.maximum(high + 1 - low, 0)
-        of = np.repeat(np.arange(len(met)), span)
-        frame = np.arange(len(of)) - np.repeat(span.cumsum() - span, span) + low[of]
-        begins = np.where(ending, n_frames, start + by)
-        sound = ending[of] | (
-            (begins[of] >= 0) & (lengths[scenelet[of]] <= room[begins[of].clip(0, n_frames)])
-        )
-        frame, of = frame[sound], of[sound]
-        shifted = np.where(ending, code, begins * n_scenelets + scenelet)
-        later.append((frame, shifted[of], share * weight[of]))
-    return _gathered(followed, n_kinds * (n_frames + 1)), _gathered(later, n_frames + 1)
+            _add(entries, row, start + off, scenelet, share * part * weight, where, lengths, room)
+    return entries
+
+
+def _later(met: tuple[Ints, ...], weight: Array, lengths: Ints, room: Ints) -> Entries:
+    """Entries (frame, code, weight) for each frame from ``begun`` up to the start of the code,
+    smoothed in time."""
+    code, begun = met
+    n_frames = len(room) - 1
+    start, scenelet = np.divmod(code, len(lengths))
+    # The same code counts in each frame as often as it was met with an earlier ``begun``.
+    first = np.flatnonzero(np.diff(code, prepend=-1))
+    sums = weight.cumsum()
+    sums -= np.repeat((sums - weight)[first], np.diff(first, append=len(code)))
+    until = np.append(begun[1:], 0)
+    until[np.append(first[1:], len(code)) - 1] = n_frames + 1
+    entries: Entries = []
+    for by, share in _SHIFTS.items():
+        begins = np.where(start == n_frames, n_frames, start + by)
+        fits = (begins >= 0) & (begins <= n_frames)
+        fits &= (start == n_frames) | (lengths[scenelet] <= room[begins.clip(0, n_frames)])
+        span = np.where(fits, np.minimum(until, begins + 1) - begun, 0).clip(0)
+        of = np.repeat(np.arange(len(code)), span)
+        frame = np.arange(len(of)) - np.repeat(span.cumsum() - span, span) + begun[of]
+        shifted = np.where(start == n_frames, code, begins * len(lengths) + scenelet)
+        entries.append((frame, shifted[of], share * sums[of]))
+    return entries
 
 
 def _add(
-    entries: list[tuple[Ints, Ints, Array]],
+    entries: Entries,
     row: Ints,
     start: Ints,
     scenelet: Ints,
@@ -293,7 +317,7 @@ def _add(
     entries.append((row[fits], codes[fits], weight[fits]))
 
 
-def _gathered(entries: list[tuple[Ints, Ints, Array]], n_rows: int) -> Rows:
+def _gathered(entries: Entries, n_rows: int) -> Rows:
     """Merge entries: by row, each code once, with probabilities that sum to one in each row."""
     row, code, weight = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     base = int(code.max(initial=0)) + 1

@@ -37,6 +37,7 @@ from imapper_prob.sampling.blocks import Block, Clock, Limits, OnBlock
 from imapper_prob.sampling.chain import (
     Chain,
     Setup,
+    first_used,
     learnt_from,
     run_chain,
     starts_of,
@@ -285,7 +286,10 @@ class _ChainRun:
             if stop in marks:
                 at = [chain.progress for chain in chains]
                 noted = tuple(chain.progress.visits[len(setup.known)] for chain in chains)
-                setup = replace(setup, known=(*setup.known, noted), learnt=None)
+                known = (*setup.known, noted)
+                unused = ((),) * (first_used(len(known)) - 1)
+                known = (*known[:1], *unused, *known[1 + len(unused) :])
+                setup = replace(setup, known=known, learnt=None)
             if stop and stop == learning.last_of_burn_in:
                 barriers = [chain.progress.barrier for chain in chains]
                 setup = replace(setup, temperatures=temperatures_of(setup.settings, barriers))
@@ -298,6 +302,8 @@ class _ChainRun:
         at: Sequence[Sequence[State] | ChainProgress],
         on_progress: Callable[[int, object], None],
     ) -> list[Chain]:
+        # What is learnt from visits is known, so that chains need no more than their number.
+        setup = replace(setup, known=((),) * len(setup.known))
         # Spawning changes a seed sequence, so each block uses a copy.
         options: dict[str, Any] = {
             "seed": deepcopy(self.seed),

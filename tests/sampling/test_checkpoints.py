@@ -21,7 +21,7 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.samplers.checkpoint import Checkpointer
 from imapper_prob.samplers.tempering import Parts, start
 from imapper_prob.sampling import schedule
-from imapper_prob.sampling.chain import Chain, Setup, run_chain
+from imapper_prob.sampling.chain import Chain, Setup, first_used, run_chain
 from imapper_prob.sampling.checkpoints import ChainProgress
 from imapper_prob.sampling.sample import sample_scenes, setup_of
 from imapper_prob.sampling.schedule import burn_in_of, learning_of
@@ -91,7 +91,11 @@ def test_rounds_after_burn_in_are_counted_and_references_learnt_there(undisturbe
     marks = [end for end in learning_of(SETTINGS).ends if end <= SETTINGS.rounds]
     assert marks[-1] > burn_in
     assert len(undisturbed.progress.visits) == 1 + len(marks)
-    assert all(visits.n_states for visits in undisturbed.progress.visits[:-1])
+    # Those that the last reference was learnt from, the walk's and the later half, are kept.
+    first = first_used(len(marks) if marks[-1] < SETTINGS.rounds else len(marks) - 1)
+    assert first > 1
+    kept = [visits.n_states > 0 for visits in undisturbed.progress.visits[:-1]]
+    assert kept == [at == 0 or at >= first for at in range(len(marks))]
 
 
 def test_visits_for_other_references_are_refused(setup: Setup, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.view import to_view
 from imapper_prob.sampling.jit import compiled
-from imapper_prob.sampling.learning import learn
+from imapper_prob.sampling.learning import _SHIFTS, learn
 from imapper_prob.sampling.looks import look, stand
 from imapper_prob.sampling.redraws import _draw_run, _log_run
 from imapper_prob.sampling.redraws import draw_scene as _draw_scene
@@ -233,6 +233,53 @@ def test_what_was_visited_is_drawn_more_often() -> None:
     near = np.array([to_view(s.placements[0], s.sizes[0]) for s in same])
     # Through the camera that was drawn, bearing and depth are elsewhere; the yaw is not.
     assert np.median(np.abs(near[:, 2] - 1.0)) < 0.1
+
+
+def test_rows_count_what_followed_and_what_came_later() -> None:
+    """As told state by state, with every shift of ends and starts on its own."""
+    rng, visits = np.random.default_rng(3), Visits()
+    for _ in range(60):
+        visits.note(draw_state(rng, PROBLEM))
+    reference = learn(PROBLEM, random_gains(PROBLEM), similarity(), visits)
+    lengths, room, n_scenelets = reference.lengths, reference.room, len(reference.kinds)
+    the_end = N_FRAMES * n_scenelets
+    followed, later = Counter[tuple[int, int]](), Counter[tuple[int, int]]()
+    visited = visits.arrays()
+    for items in np.split(visited["items"], np.cumsum(visited["counts"])[:-1]):
+        kind, end, begun = 0, 0, 0
+        for scenelet, start in [*items.tolist(), (0, N_FRAMES)]:
+            ends = start == N_FRAMES
+            flush = not ends and start == end and kind > 0
+            for by, share in _SHIFTS.items():
+                after = end + by * (kind > 0)
+                row = kind * (N_FRAMES + 1) + after
+                for off, part in ({0: 1.0} if ends or flush else _SHIFTS).items():
+                    begins = after if flush else start + off
+                    fits = ends or (after <= begins and 0 <= begins < N_FRAMES)
+                    if (
+                        0 <= after <= N_FRAMES
+                        and fits
+                        and (ends or lengths[scenelet] <= room[begins])
+                    ):
+                        code = the_end if ends else begins * n_scenelets + scenelet
+                        followed[row, code] += share * part
+                begins = N_FRAMES if ends else start + by
+                if ends or (0 <= begins < N_FRAMES and lengths[scenelet] <= room[begins]):
+                    code = the_end if ends else begins * n_scenelets + scenelet
+                    for frame in range(begun, begins + 1):
+                        later[frame, code] += share
+            kind, end = int(reference.kinds[scenelet]), start + int(lengths[scenelet])
+            begun = start + 1
+    for counted, first, codes, probability in (
+        (followed, reference.followed_first, reference.followed, reference.followed_probability),
+        (later, reference.later_first, reference.later, reference.later_probability),
+    ):
+        sums = Counter[int]()
+        for (row, _), weight in counted.items():
+            sums[row] += weight
+        rows = np.repeat(np.arange(len(first) - 1), np.diff(first)).tolist()
+        found = dict(zip(zip(rows, codes.tolist(), strict=True), probability, strict=True))
+        assert found == pytest.approx({at: counted[at] / sums[at[0]] for at in counted})
 
 
 def test_shares_are_of_what_foretells_other_visits() -> None:
