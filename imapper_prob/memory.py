@@ -27,6 +27,14 @@ _EACH_POSE: Final = 200
 output file."""
 _WALKER_COPIES: Final = 4
 """Number of copies of the walkers' latent variables that ensembles hold in memory."""
+_VISITED: Final = 8000
+"""Largest number of rounds whose visits a reference is learnt from, in runs of default length."""
+_COLD: Final = 0.4
+"""Share of the temperatures whose states are recorded; of the public scenes, rounded up."""
+_FRAMES_EACH: Final = 100
+"""Frames of a clip for each scenelet of a state; as in the longest public scene."""
+_EACH_VISIT: Final = 400
+"""Bytes for a visited scenelet while a reference is learnt; measured on that scene."""
 
 _AVAILABLE: Final = Path("/proc/meminfo")
 _GROUPS: Final = (
@@ -62,7 +70,9 @@ def memory_needed(rows: int, scenelets: int, settings: SampleSettings | None) ->
     # A continued chain keeps up to twice as many draws.
     draws = settings.chains * settings.draws * (2 if settings.last_step > settings.steps else 1)
     walkers = _WALKER_COPIES * draws * 2 * rows * 8 * bool(settings.ensemble_steps)
-    return needed + draws * rows * _EACH_POSE + walkers
+    recorded = settings.chains * settings.temperatures * _COLD * min(settings.rounds, _VISITED)
+    visits = recorded * rows / _FRAMES_EACH * _EACH_VISIT
+    return needed + draws * rows * _EACH_POSE + walkers + visits
 
 
 def memory_there() -> float:

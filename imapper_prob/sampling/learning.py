@@ -238,7 +238,7 @@ def _rows(
     begun[after_item] = items[:, 1] + 1
     followed = _followed(*_counted(kind, end, codes), lengths, room)
     later = _later(*_counted(codes, begun), lengths, room)
-    return _gathered(followed, n_kinds * (n_frames + 1)), _gathered(later, n_frames + 1)
+    return _rows_of(followed, n_kinds * (n_frames + 1)), _rows_of(later, n_frames + 1)
 
 
 def _counted(*columns: Ints) -> tuple[tuple[Ints, ...], Array]:
@@ -266,11 +266,12 @@ def _followed(met: tuple[Ints, ...], weight: Array, lengths: Ints, room: Ints) -
         sound = (end >= 0) & (end <= n_frames)
         row = kind * (n_frames + 1) + end
         last = sound & ending
-        entries.append((row[last], code[last], share * weight[last]))
-        _add(entries, row, end, scenelet, share * weight, sound & flush, lengths, room)
+        parts = [(row[last], code[last], share * weight[last])]
+        _add(parts, row, end, scenelet, share * weight, sound & flush, lengths, room)
         for off, part in _SHIFTS.items():
             where = sound & ~flush & ~ending & (start + off >= end)
-            _add(entries, row, start + off, scenelet, share * part * weight, where, lengths, room)
+            _add(parts, row, start + off, scenelet, share * part * weight, where, lengths, room)
+        entries.append(_merged(parts))
     return entries
 
 
@@ -317,8 +318,8 @@ def _add(
     entries.append((row[fits], codes[fits], weight[fits]))
 
 
-def _gathered(entries: Entries, n_rows: int) -> Rows:
-    """Merge entries: by row, each code once, with probabilities that sum to one in each row."""
+def _merged(entries: Entries) -> tuple[Ints, Ints, Array]:
+    """Entries by row, each code once, with the sum of its weights."""
     row, code, weight = (np.concatenate(parts) for parts in zip(*entries, strict=True))
     base = int(code.max(initial=0)) + 1
     number = row * base + code
@@ -326,8 +327,13 @@ def _gathered(entries: Entries, n_rows: int) -> Rows:
     order = np.argsort(number, kind="stable")
     number = number[order]
     begins = np.diff(number, prepend=-1) > 0
-    total = np.bincount(begins.cumsum() - 1, weight[order])
-    row, code = number[begins] // base, number[begins] % base
+    total = np.bincount(begins.cumsum() - 1, weight[order]).astype(np.float64)
+    return number[begins] // base, number[begins] % base, total
+
+
+def _rows_of(entries: Entries, n_rows: int) -> Rows:
+    """Rows of probabilities that sum to one in each row."""
+    row, code, total = _merged(entries)
     by_row = np.bincount(row, total, n_rows)
     first = np.searchsorted(row, np.arange(n_rows + 1)).astype(np.int64)
     return first, code, total / by_row[row]
