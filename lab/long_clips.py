@@ -4,10 +4,11 @@
 
 repeats the demo's motion until the clip has FRAMES frames (default: 1000, 2000, 5000, 20000), and
 solves, samples and writes it in a process of its own. Memory grows with frames, scenelets and
-draws, which are those of a usual run; steps and temperatures, which do not matter for memory, are
-few. A clip is stopped after the given minutes, or refused by the program because of its size. The
-command prints each stage that it reaches, and writes a table of ``docs/reference/robustness.md``:
-the memory that the program asks for beforehand, and the peak and time of each stage.
+draws, which are those of a usual run. Steps and temperatures are few, so that visited scenes take
+little: the command does not measure their share. A clip is stopped after the given minutes, or
+refused by the program because of its size. The command prints each stage that it reaches, and
+writes a table of ``docs/reference/robustness.md``: the memory that the program asks for beforehand,
+and the peak and time of each stage.
 """
 
 from __future__ import annotations
