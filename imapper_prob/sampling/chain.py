@@ -437,7 +437,7 @@ def first_used(count: int) -> int:
     -------
     int
     """
-    return 1 + (count - 1) // 2 if count else 1
+    return 1 + max(count - 1, 0) // 2
 
 
 def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:
