@@ -213,9 +213,7 @@ def _about_people(
         Question, statement, and the density of the answer simulated from each draw under all
         draws.
     """
-    clip, states = source.clip, samples.states
-    # Motions do not depend on the likelihood of detections, which takes most of the time.
-    problem = source.problem._replace(likelihood=0.0)
+    clip, problem, states = source.clip, source.problem, samples.states
     chosen = np.unique(np.linspace(0, len(states) - 1, _COMPARED).astype(np.int64))
     paths = np.stack([motion(problem, states[n])[:, PELV] for n in chosen])
     parted = _parted(paths, samples.layouts.indicator[chosen])
