@@ -172,7 +172,13 @@ def folder_published(folder: Path, *, names: Collection[str]) -> Iterator[Path]:
 
 
 def require_own(
-    folder: Path, files: Collection[str], *, what: str, overwrite: bool, unfinished: str = ""
+    folder: Path,
+    files: Collection[str],
+    *,
+    what: str,
+    overwrite: bool,
+    unfinished: str = "",
+    resumes: bool = False,
 ) -> None:
     """Refuse an output folder that is not writable or holds files that must not be replaced.
 
@@ -187,6 +193,8 @@ def require_own(
         Whether an earlier result may be replaced; other files never are.
     unfinished : str
         Name that exists while a result is unfinished and can be continued.
+    resumes : bool
+        Whether an unfinished result is continued, and so need not be protected.
 
     Raises
     ------
@@ -202,8 +210,8 @@ def require_own(
         raise InputError(
             f"{folder}: holds {strange[0]}, which is not of a {what}; name another folder"
         )
-    finished = any(name in files for name in found) and unfinished not in found
-    if finished and not overwrite:
+    earlier = any(name in files or name == unfinished for name in found)
+    if earlier and not overwrite and not (resumes and unfinished in found):
         raise InputError(
             f"{folder}: holds an earlier {what}; name another folder or add --overwrite"
         )

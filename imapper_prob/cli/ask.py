@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from imapper_prob.cli.clips import run_folder_of
-from imapper_prob.cli.console import console, progress_bars
+from imapper_prob.cli.console import Stopped, console, progress_bars
 from imapper_prob.cli.parser import examples
 from imapper_prob.models.errors import InputError
 
@@ -95,3 +95,9 @@ def _ask(options: argparse.Namespace) -> None:
     out.print(change_table(changes(before, after)))
     out.print(after.verdict)
     out.print(f"Written to {options.output}; look at it with: imapper-prob view {options.output}")
+    if not after.samples.finished:
+        chains, draws = after.samples.shape
+        raise Stopped(
+            f"{options.output} holds what there is, {draws} draws of each of {chains} chains",
+            goes_on=False,
+        )

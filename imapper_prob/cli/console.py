@@ -121,7 +121,19 @@ _TERMINATED: Final = 128 + signal.SIGTERM
 
 
 class Stopped(KeyboardInterrupt):
-    """The user interrupted; results so far are written, and the message says what they are."""
+    """The user interrupted; results so far are written.
+
+    Parameters
+    ----------
+    held : str
+        What they are.
+    goes_on : bool
+        Whether the same command continues from them.
+    """
+
+    def __init__(self, held: str, *, goes_on: bool = True) -> None:
+        super().__init__(held)
+        self.goes_on = goes_on
 
 
 class Terminated(KeyboardInterrupt):
@@ -176,8 +188,8 @@ def last_words(error: KeyboardInterrupt, options: argparse.Namespace) -> tuple[s
 
     code = _TERMINATED if isinstance(error, Terminated) else _INTERRUPTED
     if isinstance(error, Stopped):
-        held = f"{error}; " if error.args else ""
-        return f"interrupted; {held}the same command goes on", code
+        onward = "; the same command goes on" if error.goes_on else ""
+        return f"interrupted; {error}{onward}", code
     output = getattr(options, "output", None)
     kept = isinstance(output, Path) and (output / CHECKPOINTS).is_dir()
     if kept or getattr(options, "suite", None) is not None:

@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from imapper_prob.cli.console import console, progress_bars
+from imapper_prob.cli.console import Stopped, console, progress_bars
 from imapper_prob.config import Config, read_config
 from imapper_prob.evaluate.prediction import (
     Prediction,
@@ -136,7 +136,9 @@ def _read(
             posteriors.append(score_posterior(posterior, known.truth, name=path.name))
             found = posterior_predictions(posterior)
         if len(options.results) > 1:
-            found = tuple(replace(p, name=f"{path.name}: {p.name}") for p in found)
+            alike = [other for other in options.results if other.name == path.name]
+            called = path.name if len(alike) == 1 else str(path)
+            found = tuple(replace(p, name=f"{called}: {p.name}") for p in found)
         predictions += found
     assert known is not None  # there is at least one result, and each needs a truth
     return known, predictions, posteriors
@@ -244,8 +246,9 @@ def run_suite(options: argparse.Namespace) -> SuiteResult:
     Raises
     ------
     InputError
-        There are no scenes, the folder holds results of other settings, or sampling was
-        interrupted.
+        There are no scenes, or the folder holds results of other settings.
+    Stopped
+        Sampling was interrupted.
     """
     config = Config() if options.config is None else read_config(options.config)
     scenes = scenes_with_truth(options.suite)
@@ -259,7 +262,7 @@ def run_suite(options: argparse.Namespace) -> SuiteResult:
         if not options.solver_only and not sample_all(
             tasks, workers=options.workers, cluster=cluster, progress=progress
         ):
-            raise InputError("interrupted: what there is was kept, the same command goes on")
+            raise Stopped("what there is was kept")
     known = {scene.name: known_scene(scene) for scene in scenes}
     return _scored(tasks, known, parts, options)
 

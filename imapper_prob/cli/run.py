@@ -318,6 +318,7 @@ def _sample(
 ) -> None:
     import imapper_prob
     from imapper_prob.cli.going_on import how_to_go_on, words_of_block
+    from imapper_prob.recording.video import read_video
     from imapper_prob.results.folders import CHECKPOINTS, write_run
     from imapper_prob.sampling.cluster import connected
 
@@ -344,7 +345,13 @@ def _sample(
             on_block=hear,
         )
         progress("writing", 0.0)
-        write_run(options.output, posterior, overwrite=options.overwrite, video=video)
+        write_run(
+            options.output,
+            posterior,
+            overwrite=options.overwrite,
+            resumed=True,
+            video=video and read_video(video, posterior.clip, rate=options.fps),
+        )
         progress("writing", 1.0)
     if options.json:
         _print_json(options.output)

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import warnings
 from collections.abc import Callable, Iterator
@@ -193,7 +194,8 @@ def detect(
     Returns
     -------
     Clip
-        Has the lifted poses of the detector.
+        Has the lifted poses of the detector. Its frame n is n / fps seconds after the start of the
+        video.
 
     Raises
     ------
@@ -207,30 +209,31 @@ def detect(
     step = usual_step(video.fps) if step is None else step
     if step < 1:
         raise InputError(f"step {step}: at least 1")
-    first = round(start * video.fps)
-    after = None if end is None else round(end * video.fps)
-    if first < 0 or (after is not None and after <= first):
+    if not (0 <= start < math.inf and (end is None or start < end < math.inf)):
         raise InputError(
             f"start {start} and end {end}: the end must be after the start, in seconds"
         )
+    first = round(start * video.fps)
+    after = None if end is None else max(first + 1, round(end * video.fps))
+    number = round(first / step)
     if detector is None:
         with _pose_landmarker() as own:
-            found, last, thumbnails = _look(video, own, first, after, step, progress)
+            found, last, thumbnails = _look(video, own, first, after, step, number, progress)
     else:
-        found, last, thumbnails = _look(video, detector, first, after, step, progress)
+        found, last, thumbnails = _look(video, detector, first, after, step, number, progress)
     _refuse_moving(video, thumbnails)
     sightings = sightings_of_landmarks(
         video.path.stem,
         found,
-        span=(0, last),
+        span=(number, last),
         size=(video.width, video.height),
         fps=video.fps / step,
         likely_focal=video.likely_focal,
     )
     clip = assemble(sightings, replace(options, fps=video.fps / step))
-    missed = last + 1 - len(found)
+    missed = clip.n_frames - len(found)
     if missed:
-        _log.info("%s: nobody found in %d of %d frames", clip.name, missed, last + 1)
+        _log.info("%s: nobody found in %d of %d frames", clip.name, missed, clip.n_frames)
     return clip
 
 
@@ -240,10 +243,16 @@ def _look(
     first: int,
     after: int | None,
     step: int,
+    number: int,
     progress: Progress | None,
 ) -> tuple[list[Landmarks], int, list[NDArray[np.float64]]]:
-    """Detected people, number of the last frame processed, and thumbnails over the clip."""
-    total = max(1, (min(after or video.n_frames, video.n_frames) - first) // step)
+    """Detected people, number of the last frame processed, and thumbnails over the clip.
+
+    ``number`` is that of the first frame.
+    """
+    # Some containers do not say how many frames they have.
+    n_frames = video.n_frames or after
+    total = max(1, (min(after or n_frames, n_frames) - first) // step) if n_frames else 0
     every = max(1, total // _LOOKS)
     found: list[Landmarks] = []
     thumbnails = []
@@ -252,14 +261,18 @@ def _look(
     for index, (_, image) in enumerate(frames):
         if index % every == 0:
             thumbnails.append(grey_thumbnail(image))
-        person = detector(index, image)
+        if len(thumbnails) == 2 * _LOOKS:
+            thumbnails, every = thumbnails[::2], 2 * every
+        person = detector(number + index, image)
         if person is not None:
             found.append(_within(person))
         if progress is not None:
-            progress("detecting joints", min(1.0, (index + 1) / total))
+            progress("detecting joints", min(1.0, (index + 1) / total) if total else 0.0)
     if index < 0:
         raise InputError(f"{video.path}: no frame after {first / video.fps:.1f} s")
-    return found, index, thumbnails
+    if progress is not None:
+        progress("detecting joints", 1.0)
+    return found, number + index, thumbnails
 
 
 def _within(person: Landmarks) -> Landmarks:

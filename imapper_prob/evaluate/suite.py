@@ -205,11 +205,15 @@ def evaluate(
     Raises
     ------
     InputError
-        The frames of a prediction differ from those of the truth.
+        The frames of a prediction differ from those of the truth, or two predictions of a clip have
+        one name.
     """
     scores: dict[str, list[Score]] = {}
     for truth, predictions in answers:
+        names = [prediction.name for prediction in predictions]
         for prediction in predictions:
+            if names.count(prediction.name) > 1:
+                raise InputError(f"{prediction.name}: two results for {truth.name} are called so")
             scores.setdefault(prediction.name, []).append(score(prediction, truth))
     return Evaluation(scores, list(posteriors))
 
@@ -493,7 +497,7 @@ def sample_all(
     for task in tasks:
         if task.is_sampled:
             continue
-        with run_folder(task.run, overwrite=False):
+        with run_folder(task.run, overwrite=False, resumes=True):
             posterior = sample(
                 task.clip,
                 library_of(task),
@@ -503,7 +507,7 @@ def sample_all(
                 checkpoints=task.run / CHECKPOINTS,
                 progress=_named(task, progress),
             )
-            write_run(task.run, posterior, overwrite=False)
+            write_run(task.run, posterior, overwrite=False, resumed=True)
         if not posterior.samples.finished:
             return False
     return True

@@ -55,16 +55,18 @@ class Video:
     height: int
 
 
-def read_video(path: str | Path, clip: Clip) -> Video:
+def read_video(path: str | Path, clip: Clip, *, rate: float | None = None) -> Video:
     """Read the pictures of a clip and reduce their size.
 
     Parameters
     ----------
     path : path
         A folder of pictures whose names end in the number of their frame
-        (``color_00012.jpg``), or a video file that begins with the clip's first frame.
+        (``color_00012.jpg``), or a video file, in which frame n is n / fps seconds after the start.
     clip : Clip
         Only the pictures of its frames are kept.
+    rate : float, optional
+        Frames a second of a video file, if it does not say so itself or not correctly.
 
     Returns
     -------
@@ -82,9 +84,10 @@ def read_video(path: str | Path, clip: Clip) -> Video:
     width = min(WIDTH, clip.camera.width)
     height = round(width * clip.camera.height / clip.camera.width)
     # Reduced one by one: the original pictures of a clip would not fit in memory.
+    frames = _of_folder(path, clip) if path.is_dir() else _of_file(path, clip, rate)
     found = {
         frame: _small(picture, width, height, f"{path}: frame {frame}", clip)
-        for frame, picture in (_of_folder if path.is_dir() else _of_file)(path, clip)
+        for frame, picture in frames
     }
     if not found:
         raise InputError(
@@ -118,7 +121,7 @@ def _of_folder(folder: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
             yield int(numbers[-1]), picture
 
 
-def _of_file(file: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
+def _of_file(file: Path, clip: Clip, rate: float | None) -> Iterator[tuple[int, Any]]:
     """The picture of each frame, both numbered from the start of the video.
 
     Numbers are used instead of times, as in detection, because the times of phones' videos are
@@ -131,12 +134,11 @@ def _of_file(file: Path, clip: Clip) -> Iterator[tuple[int, Any]]:
             f"{file}: reading a video needs PyAV (pip install av); or give a folder of pictures"
         ) from error
     left = clip.frame_ids.tolist()
-    first = left[0]
     try:
         with av.open(str(file)) as container:
-            rate = float(container.streams.video[0].average_rate or clip.fps)
+            rate = rate or float(container.streams.video[0].average_rate or clip.fps)
             for number, picture in enumerate(container.decode(video=0)):
-                while left and number >= round((left[0] - first) * rate / clip.fps):
+                while left and number >= round(left[0] * rate / clip.fps):
                     # Phones record how they were held.
                     image = picture.to_image().rotate(
                         90 * round(picture.rotation / 90), expand=True

@@ -19,6 +19,7 @@ from imapper_prob.files import (
 )
 from imapper_prob.models.errors import InputError
 from imapper_prob.plotting import save_figure
+from imapper_prob.recording.video import Video
 from imapper_prob.results.changes import changes, write_changes
 from imapper_prob.results.glb import write_glb
 from imapper_prob.results.posterior import Posterior
@@ -165,7 +166,9 @@ def restore_chains(folder: Path, *, chains: int) -> None:
 
 
 @contextmanager
-def run_folder(folder: Path, *, overwrite: bool, goes_on: bool = False) -> Iterator[None]:
+def run_folder(
+    folder: Path, *, overwrite: bool, goes_on: bool = False, resumes: bool = False
+) -> Iterator[None]:
     """Lock the folder of a run until it is written, and check in advance that writing is possible.
 
     Nothing in it is changed yet, in particular not its checkpoints.
@@ -174,9 +177,11 @@ def run_folder(folder: Path, *, overwrite: bool, goes_on: bool = False) -> Itera
     ----------
     folder : Path
     overwrite : bool
-        Replace a finished run.
+        Replace an earlier run.
     goes_on : bool
-        Continue a finished run.
+        Continue an earlier run, finished or not.
+    resumes : bool
+        Continue an unfinished run.
 
     Yields
     ------
@@ -185,20 +190,29 @@ def run_folder(folder: Path, *, overwrite: bool, goes_on: bool = False) -> Itera
     Raises
     ------
     InputError
-        The folder has other contents (a finished run is replaced with ``overwrite``, and continued
+        The folder has other contents (an earlier run is replaced with ``overwrite``, and continued
         with ``goes_on`` if it has its chains; other files are never replaced), is not a folder,
         cannot be created, or another process is writing to it.
     """
-    _require_run_folder(folder, overwrite=overwrite, goes_on=goes_on)
+    resumes = resumes or goes_on
+    _require_run_folder(folder, overwrite=overwrite, goes_on=goes_on, resumes=resumes)
     with folder_held(folder):
-        _require_run_folder(folder, overwrite=overwrite, goes_on=goes_on)
+        _require_run_folder(folder, overwrite=overwrite, goes_on=goes_on, resumes=resumes)
         yield
 
 
-def _require_run_folder(folder: Path, *, overwrite: bool, goes_on: bool = False) -> None:
+def _require_run_folder(
+    folder: Path, *, overwrite: bool, goes_on: bool = False, resumes: bool
+) -> None:
     whole = (folder / _CHAINS).is_dir() and (folder / "posterior.nc").is_file()
-    replaced = overwrite or (goes_on and whole)
-    require_own(folder, _RUN_FILES, what="run", overwrite=replaced, unfinished=CHECKPOINTS)
+    require_own(
+        folder,
+        _RUN_FILES,
+        what="run",
+        overwrite=overwrite or (goes_on and whole),
+        unfinished=CHECKPOINTS,
+        resumes=resumes,
+    )
 
 
 def write_run(
@@ -206,21 +220,24 @@ def write_run(
     posterior: Posterior,
     *,
     overwrite: bool,
-    video: Path | None = None,
+    resumed: bool = False,
+    video: Path | Video | None = None,
     before: Posterior | None = None,
 ) -> None:
     """Write all files of a run, see :func:`imapper_prob.files.folder_published`.
 
-    The checkpoints of a finished run are kept as its chains, from which it can be continued; those
-    of an interrupted run are kept as checkpoints.
+    A run's own checkpoints are kept: of a finished run as its chains, from which it can be
+    continued; of an interrupted run as checkpoints.
 
     Parameters
     ----------
     folder : Path
     posterior : Posterior
     overwrite : bool
-        Replace a finished run.
-    video : Path, optional
+        Replace an earlier run.
+    resumed : bool
+        Whether the checkpoints in the folder are those of the posterior's chains.
+    video : Path or Video, optional
         Images of the clip, shown in the recording.
     before : Posterior, optional
         The posterior before conditioning on statements; the changes are then written too.
@@ -230,7 +247,7 @@ def write_run(
     InputError
         As :func:`run_folder`, or the disk refuses.
     """
-    _require_run_folder(folder, overwrite=overwrite)
+    _require_run_folder(folder, overwrite=overwrite, resumes=resumed)
     with folder_published(folder, names=_RUN_FILES) as beside:
         (beside / "config.toml").write_text(to_toml(posterior.config), encoding="utf-8")
         write_scenes(
@@ -246,14 +263,14 @@ def write_run(
         write_report(beside / "report.html", posterior)
         if before is not None:
             write_changes(beside / "changes.json", changes(before, posterior), posterior.told)
-        if posterior.samples.finished:
+        if resumed and posterior.samples.finished:
             _keep_chains(folder, beside / _CHAINS, chains=posterior.samples.shape[0])
-    if posterior.samples.finished:
+    if posterior.samples.finished or not resumed:
         shutil.rmtree(folder / CHECKPOINTS, ignore_errors=True)
 
 
 def _keep_chains(folder: Path, kept: Path, *, chains: int) -> None:
-    """Keep the chains' checkpoints if all exist; a posterior from elsewhere has none."""
+    """Keep the chains' checkpoints if all exist."""
     paths = [checkpoint_of(folder / CHECKPOINTS, chain) for chain in range(chains)]
     if all(path.is_file() for path in paths):
         kept.mkdir()

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from imapper_prob.models.statements import Statement
     from imapper_prob.progress import Progress
     from imapper_prob.recording.posterior import Certainty
+    from imapper_prob.recording.video import Video
     from imapper_prob.samplers.diagnostics import LayoutProbabilities
     from imapper_prob.uncertainty.questions import Question
 
@@ -298,15 +299,16 @@ class Posterior(Draws):
 
         return Certainty(self.occupancy(), self.hidden(), self.joints(), self.nuisances())
 
-    def record(self, path: str | Path, *, video: str | Path | None = None) -> None:
+    def record(self, path: str | Path, *, video: str | Path | Video | None = None) -> None:
         """Write a recording (``.rrd``) for the rerun viewer.
 
         Parameters
         ----------
         path : path
-        video : path, optional
+        video : path or Video, optional
             Images of the clip, shown behind the detections: a folder of images whose names end in
-            the frame number, or a video file.
+            the frame number, or a video file; see
+            :func:`imapper_prob.recording.video.read_video`.
 
         Examples
         --------
@@ -332,7 +334,7 @@ class Posterior(Draws):
             certainty=self.certainty,
             draws=drawn_chains(self.clip, self.solution.problem, self.samples),
             acceptance=self.samples.acceptance.rates(),
-            video=None if video is None else read_video(video, self.clip),
+            video=read_video(video, self.clip) if isinstance(video, str | Path) else video,
         )
 
     def view(self, *, video: str | Path | None = None) -> Viewer:

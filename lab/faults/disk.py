@@ -249,7 +249,7 @@ def _prepared(people: int, seed: int = SEED) -> _Run:
             posterior = small_posterior(
                 people=people, seed=seed, checkpoints=folder / CHECKPOINTS, anew=True
             )
-            write_run(folder, posterior, overwrite=True)
+            write_run(folder, posterior, overwrite=True, resumed=True)
 
     def run_and_tell(folder: Path, report: int | None, finished: Callable[[], str]) -> int:
         try:

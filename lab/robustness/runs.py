@@ -137,7 +137,8 @@ def warm_up() -> None:
 
 def _write_small_run(folder: Path) -> None:
     """Write the folder of a run, including what its chains need to continue."""
-    write_run(folder, small_posterior(checkpoints=folder / CHECKPOINTS), overwrite=False)
+    posterior = small_posterior(checkpoints=folder / CHECKPOINTS)
+    write_run(folder, posterior, overwrite=False, resumed=True)
 
 
 @cache

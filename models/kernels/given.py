@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled, inlined, inner, inner_inlined
+from imapper_prob.models.jit import compiled, inner
 from imapper_prob.models.kernels.cache import Cache, Evaluator
 from imapper_prob.models.kernels.intersection import overlap_depth
 from imapper_prob.models.kernels.measured import (
@@ -68,7 +68,7 @@ PIECE: Final = 7
 """Numbers of a piece: centre (m), half sides (m) and yaw of its bounding box."""
 
 
-@inlined
+@inner
 def _normal_cdf(x: float) -> float:
     return 0.5 * math.erfc(-x / math.sqrt(2.0))
 
@@ -174,7 +174,7 @@ def _all_shares(problem: Problem, labels: Ints) -> Array:
     return shares
 
 
-@inlined
+@inner
 def _inside(corners: Array, first: int, end: int, x: float, y: float) -> float:
     """Distance from a point to the nearest edge of a polygon, metres; negative outside."""
     nearest, odd = math.inf, False
@@ -191,19 +191,19 @@ def _inside(corners: Array, first: int, end: int, x: float, y: float) -> float:
     return nearest if odd else -nearest
 
 
-@inlined
+@inner
 def _answered(probability: float, yes: bool, doubt: float) -> float:
     """Log probability of a yes-no answer, given the probability that yes is true."""
     true = probability if yes else 1.0 - probability
     return math.log((1.0 - doubt) * true + 0.5 * doubt)
 
 
-@inner_inlined
-def _spread_at(problem: Problem, piece: Array, std: float) -> float:
+@inner
+def _spread_at(spread: Array, piece: Array, std: float) -> float:
     """Variance of an object's position plus that of the statement, averaged over directions;
     m^2."""
-    aside = 2.0 * problem.furniture_aside * piece[3]
-    return float(std * std + 0.5 * (aside * aside + problem.furniture_spread**2))
+    aside = 2.0 * spread[0] * piece[3]
+    return float(std * std + 0.5 * (aside * aside + spread[1] ** 2))
 
 
 @inner
@@ -218,13 +218,13 @@ def _spread_of(problem: Problem) -> Array:
     return np.array([problem.furniture_aside, problem.furniture_spread])
 
 
-@inlined
-def _as_case(problem: Problem, own: Array, case: int, piece: Array) -> None:
+@inner
+def _as_case(sides: Array, own: Array, case: int, piece: Array) -> None:
     """A piece as its scenelet says (case 0), or with the sides of a kind of seat."""
     if case == 0:
         piece[:] = own
     else:
-        resize(own, problem.label_sides[case - 1], piece)
+        resize(own, sides[case - 1], piece)
 
 
 @inner
@@ -244,7 +244,7 @@ def _object(
         none *= 1.0 - own[k].sum()
         for case in range(own.shape[1]):
             if own[k, case] > 0.0:
-                _as_case(problem, pieces[k], case, piece)
+                _as_case(problem.label_sides, pieces[k], case, piece)
                 set_errors(piece, spread, mean, covariance)
                 each[k, case] = measure_object(
                     numbers[2:14], lens, camera, piece, turns[k], mean, covariance
@@ -271,13 +271,13 @@ def _presence(problem: Problem, s: int, pieces: Array, shares: Array) -> float:
     Numbers: doubt, 1 for yes, std of the region's edge (m).
     """
     numbers, kinds = problem.given[s], problem.given_kinds[s]
-    none, own = 1.0, shares[kinds[1]]
+    none, own, spread = 1.0, shares[kinds[1]], _spread_of(problem)
     for k in range(len(own)):
         there = own[k].sum()
         if there > 0.0 and kinds[3] > kinds[2]:
             piece = pieces[k]
             far = _inside(problem.given_rows, kinds[2], kinds[3], piece[0], piece[1])
-            there *= _normal_cdf(far / math.sqrt(_spread_at(problem, piece, numbers[2])))
+            there *= _normal_cdf(far / math.sqrt(_spread_at(spread, piece, numbers[2])))
         none *= 1.0 - there
     return _answered(1.0 - none, numbers[1] > 0.0, numbers[0])
 
@@ -295,7 +295,7 @@ def _room(problem: Problem, cache: Cache, s: int, pieces: Array, turns: Array) -
         nearest = min(
             nearest, _inside(problem.given_rows, first, end, joints[0, PELV], joints[1, PELV])
         )
-    probability = _normal_cdf(nearest / numbers[1])
+    probability, spread = _normal_cdf(nearest / numbers[1]), _spread_of(problem)
     for k in range(len(pieces)):
         piece, turn, nearest = pieces[k], turns[k], math.inf
         for corner in range(4):
@@ -303,7 +303,7 @@ def _room(problem: Problem, cache: Cache, s: int, pieces: Array, turns: Array) -
             b = piece[4] if corner & 2 else -piece[4]
             x, y = piece[0] + turn[0] * a - turn[1] * b, piece[1] + turn[1] * a + turn[0] * b
             nearest = min(nearest, _inside(problem.given_rows, first, end, x, y))
-        probability *= _normal_cdf(nearest / math.sqrt(_spread_at(problem, piece, numbers[1])))
+        probability *= _normal_cdf(nearest / math.sqrt(_spread_at(spread, piece, numbers[1])))
     return _answered(probability, True, numbers[0])
 
 
@@ -347,7 +347,7 @@ def _depth(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
     return float(-0.5 * (count * _LOG_2PI + logs + math.log(common) + squares))
 
 
-@inner_inlined
+@inner
 def _far_from(
     cache: Cache, wanted: NDArray[np.bool_], sits: bool, x: float, y: float, z: float, n: int
 ) -> float:
@@ -453,7 +453,7 @@ def _behind(problem: Problem, s: int, pieces: Array, turns: Array, shares: Array
     of labels is that of the object in front.
     """
     numbers, row = problem.given[s], problem.given_kinds[s, 1]
-    none, own, other = 1.0, np.empty(2), np.empty(2)
+    none, own, other, spread = 1.0, np.empty(2), np.empty(2), _spread_of(problem)
     for k in range(len(pieces)):
         if shares[row, k].sum() == 0.0:
             continue
@@ -465,8 +465,8 @@ def _behind(problem: Problem, s: int, pieces: Array, turns: Array, shares: Array
                 continue
             near = math.hypot(pieces[j, 0], pieces[j, 1])
             _directions(pieces[j], turns[j], other)
-            one = _spread_at(problem, pieces[k], 0.0)
-            two = _spread_at(problem, pieces[j], 0.0)
+            one = _spread_at(spread, pieces[k], 0.0)
+            two = _spread_at(spread, pieces[j], 0.0)
             shared = min(own[1], other[1]) - max(own[0], other[0])
             aside = math.sqrt(one / (far * far) + two / (near * near))
             there = _normal_cdf((far - near) / math.sqrt(one + two)) * _normal_cdf(shared / aside)
@@ -533,7 +533,7 @@ def _pictured(
             own = shares[kinds[1] + d, k]
             for case in range(len(own)):
                 if own[case] > 0.0 and rates[k] > 0.0:
-                    _as_case(problem, pieces[k], case, piece)
+                    _as_case(problem.label_sides, pieces[k], case, piece)
                     find_outline(lens, camera, piece, turns[k], edges, slopes)
                     set_errors(piece, spread, mean, covariance)
                     box = problem.given_rows[kinds[2] + d]
@@ -543,7 +543,7 @@ def _pictured(
     return float(total)
 
 
-@inner_inlined
+@inner
 def _number(problem: Problem, camera: Array, s: int) -> float:
     """Term of `Measured`: camera or stature; numbers: value and std, radians, metres or pixels.
 

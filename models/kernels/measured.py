@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled, inlined
+from imapper_prob.models.jit import compiled, inner
 from imapper_prob.models.settings import NEAREST, SIDE_SPREAD
 
 __all__ = [
@@ -38,7 +38,7 @@ _GRID: Final = 4
 """Points along each side of an object's image box at which occlusion is tested."""
 
 
-@inlined
+@inner
 def log_normal(x: float, variance: float) -> float:
     """Log density of a normal error.
 
@@ -54,7 +54,7 @@ def log_normal(x: float, variance: float) -> float:
     return -0.5 * (_LOG_2PI + math.log(variance) + x * x / variance)
 
 
-@inlined
+@compiled
 def set_errors(piece: Array, spread: Array, mean: Array, covariance: Array) -> None:
     """Set the errors of a piece to their prior.
 
@@ -94,7 +94,7 @@ def resize(piece: Array, sides: Array, resized: Array) -> None:
     resized[2] += resized[5] - piece[5]
 
 
-@inlined
+@inner
 def _measure(mean: Array, covariance: Array, slope: Array, off: float, variance: float) -> float:
     """Condition the errors on one number, and return its log density given the earlier ones.
 

@@ -247,7 +247,11 @@ def test_sigterm_is_heard_and_forgotten() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
     assert signal.getsignal(signal.SIGTERM) is before
     assert last_words(Terminated(), Namespace()) == ("interrupted; nothing was written", 143)
-    assert last_words(Stopped(), Namespace()) == ("interrupted; the same command goes on", 130)
+    assert last_words(Stopped("all kept"), Namespace()) == (
+        "interrupted; all kept; the same command goes on", 130,
+    )  # fmt: skip
+    kept = Stopped("all kept", goes_on=False)
+    assert last_words(kept, Namespace()) == ("interrupted; all kept", 130)
 
 
 def test_an_interrupt_while_arguments_are_read_is_one_too(

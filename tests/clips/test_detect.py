@@ -42,6 +42,7 @@ def test_start_end_and_step(tmp_path: Path) -> None:
     options = ClipOptions(focal=300.0)
     clip = detect(path, options=options, detector=dark_figure, start=0.5, end=1.5, step=1)
     assert (clip.n_frames, clip.fps, clip.focal_known) == (20, 20, True)
+    assert clip.frame_ids[0] == 10
     assert abs(clip.tracks[0].keypoints[0, PELV, 0] - (65 + 5 * 10)) < 6
 
 
@@ -88,6 +89,7 @@ def test_joints_outside_of_the_picture_are_not_seen(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [({"step": 0}, "step 0"), ({"start": 2.0, "end": 1.0}, "after the start"),
+     ({"start": np.nan}, "after the start"), ({"end": np.inf}, "after the start"),
      ({"start": 60.0}, "no frame after")],
 )  # fmt: skip
 def test_faulty_arguments(arguments: dict[str, float], message: str, tmp_path: Path) -> None:

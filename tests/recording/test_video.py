@@ -103,8 +103,9 @@ def test_a_video_file_is_read_by_number(tmp_path: Path) -> None:
     with av.open(str(path), "w") as container:
         stream = container.add_stream("mpeg4", rate=30)
         stream.width, stream.height = 640, 360
-        for k in range(18):
-            frame = av.VideoFrame.from_image(picture(10 * k, 640, 360))
+        # The clip's frames 100 to 105, at ten a second.
+        for k in range(-300, 18):
+            frame = av.VideoFrame.from_image(picture(max(0, 10 * k), 640, 360))
             container.mux(stream.encode(frame))
         container.mux(stream.encode())
     video = read_video(path, CLIP)
@@ -113,6 +114,8 @@ def test_a_video_file_is_read_by_number(tmp_path: Path) -> None:
     for k, data in enumerate(video.pictures):
         shade = np.asarray(Image.open(io.BytesIO(data))).mean()
         assert abs(shade - 30 * k) <= 5
+    assert read_video(path, CLIP, rate=30.0).pictures == video.pictures
+    assert len(read_video(path, CLIP, rate=31.0).pictures) < len(video.pictures)
     (tmp_path / "no.mp4").write_bytes(b"no video")
     with pytest.raises(InputError, match="is no video"):
         read_video(tmp_path / "no.mp4", CLIP)
