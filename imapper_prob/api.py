@@ -230,7 +230,7 @@ def sample(
     config = replace(
         config,
         seed=config.seed if rng is None else rng,
-        sample=replace(config.sample, chains=chains or config.sample.chains),
+        sample=replace(config.sample, chains=config.sample.chains if chains is None else chains),
     )
     limits = Limits(minutes, until)
     clip = _one(clip)

@@ -160,6 +160,8 @@ class Config:
     def __post_init__(self) -> None:
         if self.seed < 0:
             raise InputError(f"seed = {self.seed} must not be negative")
+        if self.seed >= _LARGEST:
+            raise InputError(f"seed = {self.seed} must be less than 2^63")
         try:
             self.library.encode()
         except UnicodeEncodeError as error:

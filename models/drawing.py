@@ -159,11 +159,11 @@ def draw_paths(
     joints : (K T, 16, 3) float
         World frame, metres; all frames of one person, then of the next.
     people : int
-        Legend entry.
+        Number of people.
     label : str, optional
-        Draw thin and grey, for a path that is only for comparison.
+        Legend entry.
     quiet : bool
-        Thin and grey, for what stands beside another path.
+        Draw thin and grey, for a path that is only for comparison.
     """
     ways = joints[:, PELV, :2].reshape(people, -1, 2)
     for number, way in enumerate(ways):

@@ -43,11 +43,6 @@ class PaperEnergy:
         """The energy, the sum of all terms."""
         return sum(self.terms.values())
 
-    @property
-    def log_density(self) -> float:
-        """Minus the energy: an unnormalised log density without priors."""
-        return -self.total
-
 
 def paper_energy(
     problem: Problem, state: State, *, weights: PaperWeights | None = None

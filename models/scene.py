@@ -495,6 +495,12 @@ class Clip:
         if ids.ndim != 1 or (len(ids) > 1 and np.any(np.diff(ids) != 1)):
             raise InputError(f"clip {self.name}: frame ids must be consecutive integers")
         object.__setattr__(self, "tracks", tuple(self.tracks))
+        called = [track.name for track in self.tracks]
+        if len(set(called)) < len(called):
+            twice = next(name for name in called if called.count(name) > 1)
+            raise InputError(
+                f"clip {self.name}: two tracks are called {twice}; each needs a name of its own"
+            )
         if not self.tracks:
             raise InputError(f"clip {self.name}: no person in it")
         if not (np.isfinite(self.fps) and self.fps > 0):

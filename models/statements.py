@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import math
+import operator
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final, Literal
@@ -271,6 +272,8 @@ class JointAt:
 
     def __post_init__(self) -> None:
         _require_joint(self.joint)
+        for name in ("frame", "person"):
+            object.__setattr__(self, name, _whole(getattr(self, name), name))
         object.__setattr__(self, "point", _numbers(self.point, 3, f"the point of {self.joint}"))
         _require_positive(self.std, f"std of the point of {self.joint}")
 
@@ -312,7 +315,8 @@ class DepthOf:
 
     def __post_init__(self) -> None:
         _require_joint(self.joint)
-        object.__setattr__(self, "frames", tuple(int(frame) for frame in self.frames))
+        object.__setattr__(self, "frames", tuple(_whole(frame, "frame") for frame in self.frames))
+        object.__setattr__(self, "person", _whole(self.person, "person"))
         depths = _numbers(self.depths, len(self.frames), "depths, one for each frame,")
         object.__setattr__(self, "depths", depths)
         if not depths or len(set(self.frames)) < len(depths):
@@ -359,6 +363,8 @@ class Contact:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", _labels(self.labels))
+        for name in ("first", "last", "person"):
+            object.__setattr__(self, name, _whole(getattr(self, name), name))
         if self.last < self.first:
             raise InputError(
                 f"contact with {' or '.join(self.labels)}: its last frame {self.last} is before "
@@ -401,9 +407,9 @@ class SameObject:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "labels", _labels(self.labels))
-        spans = tuple((int(first), int(last)) for first, last in self.spans)
+        spans = tuple((_whole(a, "first"), _whole(b, "last")) for a, b in self.spans)
         object.__setattr__(self, "spans", spans)
-        people = tuple(int(person) for person in self.people) or (1,) * len(spans)
+        people = tuple(_whole(n, "person") for n in self.people) or (1,) * len(spans)
         object.__setattr__(self, "people", people)
         if len(spans) < 2 or len(people) != len(spans):
             raise InputError(
@@ -503,6 +509,8 @@ class Seen:
     person: int = 1
 
     def __post_init__(self) -> None:
+        for name in ("frame", "person"):
+            object.__setattr__(self, name, _whole(getattr(self, name), name))
         boxes = tuple(_numbers(box, 4, "a box in the picture") for box in self.boxes)
         object.__setattr__(self, "boxes", boxes)
         object.__setattr__(self, "confusion", tuple(dict(row) for row in self.confusion))
@@ -629,6 +637,13 @@ def _numbers(values: Any, count: int, what: str) -> Any:
     if array.dtype.kind not in "iuf" or array.shape != (count,) or not np.isfinite(array).all():
         raise InputError(f"{what} must be {count} finite numbers, not {values!r:.80}")
     return tuple(array.astype(float).tolist())
+
+
+def _whole(value: Any, what: str) -> int:
+    try:
+        return operator.index(value)
+    except TypeError as error:
+        raise InputError(f"{what} must be a whole number, not {value!r:.60}") from error
 
 
 def _polygon(points: Any, what: str) -> Points:

@@ -62,8 +62,8 @@ class Measures(NamedTuple):
     error : float
         Largest standard error of any layout; NaN if unknown.
     rhat : float
-        Largest R-hat of the functionals; infinite if chains are too short, 1 if there are no
-        functionals.
+        Largest R-hat of the functionals; infinite if chains are too short, or if each stays at a
+        value of its own; 1 if there are no functionals.
     rhat_of : str
         Name of the functional with that R-hat.
     effective_draws : float
@@ -73,6 +73,8 @@ class Measures(NamedTuple):
         Name of the functional or layout with that number.
     effective_layouts : float
         Least effective number of draws of these layouts alone.
+    comparable : bool
+        Whether chains are long enough for R-hat.
     """
 
     error: float
@@ -81,6 +83,7 @@ class Measures(NamedTuple):
     effective_draws: float
     effective_draws_of: str
     effective_layouts: float
+    comparable: bool
 
 
 def measure(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) -> Measures:
@@ -108,7 +111,8 @@ def measure(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) 
         if _OPEN[0] <= share <= _OPEN[1]
     ]
     effective = [(_known(ess(draws), 0.0), name) for name, draws in functionals.items()]
-    rhats = [(_known(rhat(draws), math.inf), name) for name, draws in functionals.items()]
+    found = {name: float(np.asarray(rhat(draws))) for name, draws in functionals.items()}
+    rhats = [(_known(value, math.inf), name) for name, value in found.items()]
     worst, worst_of = max(rhats, default=(1.0, ""))
     fewest, fewest_of = min(effective + of_layouts, default=(math.inf, ""))
     return Measures(
@@ -118,6 +122,7 @@ def measure(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) 
         effective_draws=fewest,
         effective_draws_of=fewest_of,
         effective_layouts=min(of_layouts, default=(math.inf, ""))[0],
+        comparable=not any(map(math.isnan, found.values())),
     )
 
 
@@ -172,7 +177,7 @@ def judge(
         text = "Not converged: there is one draw a chain, from which no error can be given."
     if worst <= _RHAT_LIMIT:
         why = f"Chains agree, but {found.effective_draws_of} changes too seldom to be known well."
-    elif math.isinf(worst):
+    elif not found.comparable:
         why = "Chains are too short to be compared."
     else:
         why = f"Chains do not agree yet on {found.rhat_of}."

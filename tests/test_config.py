@@ -43,6 +43,7 @@ def test_settings_survive_a_file(tmp_path: Path) -> None:
         ("seed = " + "9" * 5000, "not a TOML file"),
         ("seed = " + "9" * 50, "too large to be true"),
         ("seed = -1", "must not be negative"),
+        (f"seed = {2**63}", "must be less than 2\\^63"),
     ],
 )
 def test_a_wrong_setting_is_named(tmp_path: Path, text: str, words: str) -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from imapper_prob.cli.console import progress_bars
 from imapper_prob.cli.parser import examples
@@ -181,6 +183,43 @@ def refuse_to_replace(output: Path, *, overwrite: bool) -> None:
         raise InputError(f"{output}: there is no folder {output.parent}")
 
 
+_PICTURES: Final = (".png", ".jpg", ".jpeg")
+
+
+def refuse_picture(picture: Path | None, *, overwrite: bool) -> None:
+    """Check that a picture may be written, before anything is computed for it.
+
+    Parameters
+    ----------
+    picture : Path, optional
+        None if no picture is asked for.
+    overwrite : bool
+        Whether an earlier one may be replaced.
+
+    Raises
+    ------
+    InputError
+        The name is not that of a picture, its folder is missing, or the file exists.
+    """
+    if picture is None:
+        return
+    if picture.suffix.lower() not in _PICTURES:
+        raise InputError(f"{picture}: a picture's name ends in {', '.join(_PICTURES)}")
+    if picture.exists() and not overwrite:
+        raise InputError(f"{picture} exists; name another file, or say --overwrite")
+    if not picture.parent.is_dir():
+        raise InputError(f"{picture}: there is no folder {picture.parent}")
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Name the file in errors of the disk."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
+
+
 def is_clip(path: Path) -> bool:
     """Whether a path is a clip (a file, or a folder of keypoints) and not the folder of a run.
 
@@ -316,6 +355,7 @@ def _detect(options: argparse.Namespace) -> None:
 
     output: Path = options.output
     refuse_to_replace(output, overwrite=options.overwrite)
+    refuse_picture(options.picture, overwrite=options.overwrite)
     with progress_bars() as progress:
         clip = detect(
             options.video,
@@ -325,12 +365,11 @@ def _detect(options: argparse.Namespace) -> None:
             step=options.step,
             progress=progress,
         )
-    try:
+    with _writing(output):
         write_clip(output, clip)
-        if options.picture is not None:
+    if options.picture is not None:
+        with _writing(options.picture):
             _draw(options, clip)
-    except OSError as error:
-        raise InputError(f"{output}: cannot be written ({error.strerror or error})") from error
     out = console()
     out.print(clip_table(clip))
     out.print(f"Written to {output}; go on with: imapper-prob run {output} -o DIR")
@@ -391,16 +430,13 @@ def _track(options: argparse.Namespace) -> None:
     from imapper_prob.plotting import save_figure
 
     refuse_to_replace(options.output, overwrite=options.overwrite)
+    refuse_picture(options.picture, overwrite=options.overwrite)
     clip = clip_from(options.clip, options)
-    try:
+    with _writing(options.output):
         write_clip(options.output, clip)
-        if options.picture is not None:
-            from imapper_prob.clips.identity import track_figure
+    if options.picture is not None:
+        from imapper_prob.clips.identity import track_figure
 
-            with written_whole(options.picture) as beside:
-                save_figure(track_figure(clip), beside, dpi=_DOTS_PER_INCH)
-    except OSError as error:
-        raise InputError(
-            f"{options.output}: cannot be written ({error.strerror or error})"
-        ) from error
+        with _writing(options.picture), written_whole(options.picture) as beside:
+            save_figure(track_figure(clip), beside, dpi=_DOTS_PER_INCH)
     console().print(clip_table(clip))

@@ -428,9 +428,12 @@ def _show_alarms(checks: Iterable[Check]) -> None:
 
 
 def _info(options: argparse.Namespace) -> None:
+    if options.energy and options.json:
+        raise InputError("--energy prints a table, and --json one document; choose one")
     if is_clip(options.folder):
-        if options.json:
-            raise InputError(f"{options.folder}: is a clip; --json prints the result of a run")
+        for name in ("json", "energy"):
+            if getattr(options, name):
+                raise InputError(f"{options.folder}: is a clip; --{name} is for a run")
         _show_clip(options)
     elif options.json:
         _print_json(options.folder)

@@ -213,7 +213,7 @@ def assemble(sightings: RawDetections, options: ClipOptions) -> Clip:
     Raises
     ------
     InputError
-        Nobody was detected, or image sizes or frame rates contradict each other.
+        Nobody was detected, or image sizes contradict each other.
     """
     name = sightings.name
     sightings = _without_empty_rows(sightings)

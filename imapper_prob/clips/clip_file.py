@@ -83,7 +83,9 @@ def write_clip(path: str | Path, clip: Clip) -> None:
     Raises
     ------
     InputError
-        The file name does not end in ``.npz``, or the file cannot be written.
+        The file name does not end in ``.npz``.
+    OSError
+        The file cannot be written.
 
     Examples
     --------

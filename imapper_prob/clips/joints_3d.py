@@ -243,8 +243,12 @@ def _from_arrays(
     if len(names) != count:
         raise InputError(f"{len(names)} joint names for {count} joints")
     own = arrays.get("confidences", np.full(joints.shape[:-1], _UNTOLD))
-    if own.dtype.kind not in "fiu" or own.size != joints.size // 3:
-        raise InputError(f"confidences are {own.dtype} {own.shape}, expected one a joint")
+    told = own.shape if own.ndim == joints.ndim - 1 else (1, *own.shape)
+    if own.dtype.kind not in "fiu" or told != joints.shape[:-1]:
+        raise InputError(
+            f"confidences are {own.dtype} {own.shape}, expected one a joint, "
+            f"{arrays['joints'].shape[:-1]}"
+        )
     # Confidences are matched by joint name in the same way as positions.
     wide = np.repeat(own.astype(np.float64).reshape(-1, count, 1), 3, axis=2)
     confidences = joints_by_name(wide, names)[..., 0].reshape(actors, frames, -1)
@@ -268,6 +272,8 @@ def _camera(arrays: Arrays) -> CameraFile:
     matrix = arrays["matrix"].astype(np.float64)
     check_matrix(matrix)
     rotation = arrays.get("rotation")
+    if (rotation is None) != ("translation" not in arrays):
+        raise InputError("has one of 'rotation' and 'translation'; say both, or neither")
     if rotation is not None:
         rotation = rotation.astype(np.float64)
         check_rotation(rotation)

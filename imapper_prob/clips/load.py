@@ -276,9 +276,12 @@ def read_whatever(path: Path, options: ClipOptions) -> Clip:
                 "fps",
                 "confidence",
                 "people",
+                "marks",
             )
             if getattr(options, name) is not None
         ]
+        if options.tracker != ClipOptions().tracker:
+            given.append("tracker")
         if given:
             raise InputError(f"{path}: a clip of format {form} has its own {given[0]}")
         return read_i3db(path) if form == "i3db" else read_clip(path)

@@ -208,6 +208,8 @@ def read_camera(path: str | Path) -> CameraFile:
         raise InputError(f"{path}: {error}") from error
     if (rotation is None) != ("translation" not in values):
         raise InputError(f"{path}: rotation and translation go together")
+    if "height" in values and not values["height"] > 0:
+        raise InputError(f"{path}: height must be positive, in metres above the floor")
     return CameraFile(
         size=(int(width), int(height)),
         matrix=values["matrix"],
@@ -297,7 +299,7 @@ def camera_of(
             cy=float(file.matrix[1, 2]),
             pitch=file.pitch or 0.0,
             roll=file.roll or 0.0,
-            elevation=file.height or _NOMINAL_ELEVATION,
+            elevation=_NOMINAL_ELEVATION if file.height is None else file.height,
         )
     else:
         focal = options.focal

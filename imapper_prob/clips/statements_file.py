@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from imapper_prob.clips.parsing import load_archive
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.settings import LARGEST_IMAGE
 from imapper_prob.models.statements import (
@@ -216,8 +217,11 @@ def _depths(path: Path) -> tuple[list[int], list[float]]:
     """Frames and depths (m), from columns or arrays named ``frame`` and ``depth``."""
     try:
         if path.suffix == ".npz":
-            with np.load(path, allow_pickle=False) as file:
-                return file["frame"].astype(int).tolist(), file["depth"].astype(float).tolist()
+            arrays = load_archive(path, what="depths")
+            frames = arrays["frame"].astype(int)
+            if (frames != arrays["frame"]).any():
+                raise ValueError("a frame is no whole number")
+            return frames.tolist(), arrays["depth"].astype(float).tolist()
         with path.open(encoding="utf-8", newline="") as text:
             rows = list(csv.DictReader(text))
         if not rows:
@@ -225,6 +229,8 @@ def _depths(path: Path) -> tuple[list[int], list[float]]:
         return [int(row["frame"]) for row in rows], [float(row["depth"]) for row in rows]
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except InputError:
+        raise
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{path}: must have frame (whole numbers) and depth (m), as columns of a CSV file or "

@@ -235,7 +235,7 @@ def posterior_rows(posteriors: Sequence[PosteriorScore]) -> Rows:
                 f"{number(p.first)} / {number(p.best)}",
                 f"{number(p.expected)} / {number(p.energy)}",
                 f"{number(p.joint_expected)} / {number(p.joint_energy)}",
-                f"{p.found:.0%}",
+                "–" if math.isnan(p.found) else f"{p.found:.0%}",
                 f"{p.claimed} of {p.true}",
                 f"{number(p.counts[0], 2)} / {number(p.counts[1], 1)}",
                 f"{number(p.presence[0], 2)} / {number(p.presence[1], 2)}",

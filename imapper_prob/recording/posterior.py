@@ -86,7 +86,7 @@ def log_fit(
         camera = weighted.scene.camera
         for person, joints in enumerate(by_person(clip, weighted.scene.joints)):
             entity = own_entity(clip, f"scene_{i}", person)
-            style = _line(i, f"scene {i}{own_part(clip, person)}")
+            style = _line(i, drawable(f"scene {i}{own_part(clip, person)}"))
             far = _distance(camera, joints)
             curve(recording, f"fit/distance/{entity}", "frame", frames, far, style)
             miss = _mean_miss(camera, joints, clip.tracks[person])
@@ -94,7 +94,7 @@ def log_fit(
     if truth is not None:
         for person, joints in enumerate(by_person(clip, truth.joints)):
             entity = own_entity(clip, "truth", person)
-            name = f"truth{own_part(clip, person)}"
+            name = drawable(f"truth{own_part(clip, person)}")
             style = rr.SeriesLines(colors=TRUE_COLOUR, names=name, widths=_WIDTH)
             far = _distance(truth.camera, joints)
             curve(recording, f"fit/distance/{entity}", "frame", frames, far, style)

@@ -247,7 +247,8 @@ def _ground(tiles: Sequence[_Tile]) -> rr.Boxes3D:
 def _words(
     places: Sequence[tuple[float, float, float]], words: Sequence[str], colour: Colour
 ) -> rr.Points3D:
-    return rr.Points3D(places, labels=words, radii=0.001, colors=colour, show_labels=True)
+    labels = [palette.drawable(word) for word in words]
+    return rr.Points3D(places, labels=labels, radii=0.001, colors=colour, show_labels=True)
 
 
 def _blueprint(by_action: Mapping[str, Sequence[_Tile]]) -> rrb.Blueprint:
@@ -291,7 +292,7 @@ def _view(name: str, contents: Sequence[str], tiles: Sequence[_Tile]) -> rrb.Spa
     return rrb.Spatial3DView(
         origin="sheet",
         contents=["sheet", *contents],
-        name=name,
+        name=palette.drawable(name),
         background=_BACKGROUND,
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=eye,

@@ -154,7 +154,7 @@ def _log_all(
                 show_labels=False,
             ),
         )  # fmt: skip
-    texts = [f"## {k}. {s.name}\n\n{s.text}" for k, s in enumerate(stages, 1)]
+    texts = [palette.drawable(f"## {k}. {s.name}\n\n{s.text}") for k, s in enumerate(stages, 1)]
     documents = rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts))
     recording.send_columns("summary", indexes=[at], columns=documents, strict=True)
     for k, (name, (frames, values)) in enumerate(charness.items()):

@@ -78,7 +78,8 @@ def conditioned(
         raise InputError("no statement: name one at least")
     source, samples, clip = posterior.solution, posterior.samples, posterior.clip
     known = _full_library(posterior, library)
-    earlier = () if posterior.told is None else posterior.told.statements
+    before = Told(()) if posterior.told is None else posterior.told
+    earlier = before.statements
     everything = (*earlier, *statements)
     labels = labels_of(known)
     check_statements(everything, clip, labels)
@@ -97,9 +98,9 @@ def conditioned(
             found.log_ratio, found.error, found.effective, len(samples.states), "reweighted"
         )
         seconds = {**posterior.seconds, "being told": time.perf_counter() - begun}
-        return Posterior(
-            told, chosen, posterior.config, seconds=seconds, told=Told(everything, evidence)
-        )
+        # Statements that none of the draws agreed with, none of the chosen ones agrees with.
+        said = Told(everything, evidence, before.denied)
+        return Posterior(told, chosen, posterior.config, seconds=seconds, told=said)
     solved = _solved(posterior, known, progress)
     if isinstance(source, StoredSource):
         samples = replace(samples, states=_renumbered(samples.states, source.library, known))
@@ -110,7 +111,7 @@ def conditioned(
         solved, samples, problem, fresh, found, settings,
         seed=seed, workers=workers, progress=progress,
     )  # fmt: skip
-    nowhere = denied(solved.problem, drawn.states, statements, clip, labels)
+    nowhere = denied(solved.problem, drawn.states, everything, clip, labels)
     return Posterior(
         with_statements(solved, problem),
         drawn,

@@ -407,9 +407,10 @@ def _diagnostics(posterior: Posterior) -> str:
         for number, ladder in enumerate(samples.ladders, 1)
         if ladder.swap_rates and math.isfinite(ladder.barrier)
     ]
+    made = posterior.config.sample
     chains = plot(
         "chains",
-        chains_plot(samples.traces, burn_in=posterior.config.sample.burn_in),
+        chains_plot(samples.traces, burn_in=min(1.0, made.burn_in * made.steps / made.steps_made)),
         alt="Log-posterior of every chain over the run",
         proportion=2.6,
     )

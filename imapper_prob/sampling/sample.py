@@ -476,6 +476,8 @@ def _told_plainly(checkpoints: Path | None) -> Iterator[None]:
         raise InputError(str(error)) from error
     except OSError as error:
         reason = error.strerror or error
+        if checkpoints is None:
+            raise InputError(f"a temporary file cannot be written ({reason})") from error
         raise InputError(f"{checkpoints}: checkpoints cannot be written ({reason})") from error
 
 

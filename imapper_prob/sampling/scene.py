@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.log_posterior import State
-from imapper_prob.models.problem import Problem
 from imapper_prob.sampling.jit import compiled
 
-__all__ = ["Scene", "flush_run", "in_order", "scene_of", "state_of"]
+__all__ = ["Scene", "flush_run", "scene_of", "state_of"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -67,26 +66,6 @@ def state_of(scene: Scene) -> State:
     State
     """
     return State(*scene)
-
-
-def in_order(problem: Problem, state: State) -> bool:
-    """Whether scenelets are inside the clip, in order and without overlap.
-
-    Parameters
-    ----------
-    problem : Problem
-    state : State
-
-    Returns
-    -------
-    bool
-    """
-    end = 0
-    for scenelet, start in state.items.tolist():
-        if start < end:
-            return False
-        end = start + int(problem.lengths[scenelet])
-    return end <= problem.n_frames
 
 
 @compiled

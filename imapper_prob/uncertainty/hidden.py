@@ -118,6 +118,8 @@ class HiddenJoints:
 
     def _number(self, what: str | int) -> int:
         if isinstance(what, int):
+            if not 0 <= what < len(self.clusters):
+                raise InputError(f"no object {what}; there are {len(self.clusters)}, from 0")
             return what
         for k, cluster in enumerate(self.clusters):
             if cluster.label == what:

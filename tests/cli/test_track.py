@@ -31,7 +31,11 @@ def test_two_people_become_two_tracks(tmp_path: Path, capsys: pytest.CaptureFixt
     with Image.open(picture) as image:
         assert image.width > 500
     assert main(command) == 2
-    assert "exists" in capsys.readouterr().err
+    assert "clip.npz exists" in capsys.readouterr().err
+    other = ["track", str(folder), "-o", str(tmp_path / "other.npz"), *CAMERA]
+    assert main([*other, "--picture", str(picture)]) == 2
+    assert "tracks.png exists" in capsys.readouterr().err
+    assert not (tmp_path / "other.npz").exists()
     assert main([*command, "--overwrite", "--people", "1"]) == 0
     assert len(read_clip(output).tracks) == 1
 
@@ -50,6 +54,8 @@ def test_info_on_keypoints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         (["track", "nowhere", "-o", "clip.npz"], "no such file"),
         (["track", "nowhere", "-o", "clip.json"], "ends in .npz"),
         (["track", "nowhere", "-o", "no/folder/clip.npz"], "there is no folder"),
+        (["track", "no", "-o", "a.npz", "--picture", "a.foo"], "a.foo: a picture's name ends in"),
+        (["detect", "no.mp4", "-o", "a.npz", "--picture", "b/a.png"], "there is no folder b"),
         (["detect", "nowhere.mp4", "-o", "clip.npz"], "no such file"),
         (["info", "nowhere.mp4"], "nowhere.mp4"),
     ],

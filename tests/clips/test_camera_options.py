@@ -108,6 +108,7 @@ def test_an_assumed_focal_length_is_told(tmp_path: Path, caplog: pytest.LogCaptu
         (TOML.replace("-0.28, 0.07,", ""), "distortion has 4, 5 or 8"),
         (TOML + "rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n", "go together"),
         (TOML + "rotation = [[2, 0, 0], [0, 1, 0], [0, 0, 1]]\n", "no rotation matrix"),
+        (TOML.replace("height = 2.1", "height = 0"), "height must be positive"),
         ("= = =", "not a TOML file"),
     ],
 )

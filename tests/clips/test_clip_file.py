@@ -88,7 +88,7 @@ def clips(draw: st.DrawFn) -> Clip:
         poses[rng.random(n_frames) < 0.3] = np.nan
         return Track(name, keypoints, confidences, poses, rng.random(n_frames) < 0.5)
 
-    tracks = tuple(track(n) for n in draw(st.lists(word, min_size=1, max_size=3)))
+    tracks = tuple(track(n) for n in draw(st.lists(word, min_size=1, max_size=3, unique=True)))
     truth = None
     if draw(st.booleans()):
         spoken = draw(st.booleans())

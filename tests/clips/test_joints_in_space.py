@@ -124,6 +124,9 @@ def test_faulty_trc(spoil: Any, message: str, tmp_path: Path, rng: np.random.Gen
         ({"matrix": np.zeros((3, 3))}, "matrix"),
         ({"confidences": np.full((10, 16), 2.0)}, "in \\[0, 1\\]"),
         ({"confidences": np.ones(4)}, "one a joint"),
+        ({"confidences": np.ones((16, 10))}, r"one a joint, \(10, 16\)"),
+        ({"translation": np.ones(3)}, "one of 'rotation' and 'translation'"),
+        ({"rotation": np.eye(3)}, "one of 'rotation' and 'translation'"),
     ],
 )
 def test_faulty_npz(

@@ -188,6 +188,15 @@ def test_depths_are_read_from_arrays_too(tmp_path: Path) -> None:
     text = '[[depth]]\nfile = "depth.npz"\nerror = 0.1\njoint = "NECK"'
     (said,) = im.read_statements(written(tmp_path, text))
     assert said == im.DepthOf((3, 5), (3.1, 3.25), 0.1, joint="NECK")
+    path, depths = written(tmp_path, text), tmp_path / "depth.npz"
+    whole = depths.read_bytes()
+    for content in (b"", whole[: len(whole) // 2]):
+        depths.write_bytes(content)
+        with pytest.raises(im.InputError, match=r"depth\.npz: damaged"):
+            im.read_statements(path)
+    np.savez(depths, frame=[0.6, 1.6], depth=[3.1, 3.25])
+    with pytest.raises(im.InputError, match="a frame is no whole number"):
+        im.read_statements(path)
 
 
 @pytest.mark.parametrize(

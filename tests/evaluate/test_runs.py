@@ -121,3 +121,21 @@ def test_faults_are_named(folder: Path, tmp_path: Path, capsys: pytest.CaptureFi
     ):
         assert main(["evaluate", *arguments]) == 2
         assert message in capsys.readouterr().err
+
+
+def test_runs_of_one_name_are_told_apart(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    others = [tmp_path / name / "run" for name in ("a", "b")]
+    for other in others:
+        shutil.copytree(folder, other)
+    out = tmp_path / "out"
+    out.mkdir()
+    assert main(["evaluate", *map(str, others), "-o", str(out)]) == 0
+    document = json.loads((out / "evaluation.json").read_text())
+    names = [method["name"] for method in document["methods"]]
+    assert len(set(names)) == len(names)
+    assert all(any(name.startswith(f"{other}: ") for name in names) for other in others)
+    capsys.readouterr()
+    assert main(["evaluate", str(folder), str(folder), "-o", str(tmp_path / "again")]) == 2
+    assert "two results for demo are called so" in " ".join(capsys.readouterr().err.split())

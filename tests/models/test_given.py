@@ -618,6 +618,18 @@ def test_what_no_scene_can_be_is_refused(statements: list[Statement], words: str
         check_statements(statements, clip(), labels_of(LIBRARY))
 
 
+def test_frames_may_be_numbers_of_numpy() -> None:
+    for integer in (np.int64, np.uint8):
+        said = [
+            im.JointAt("PELV", integer(3), (0, 1, 1), 0.1, person=integer(1)),
+            im.Contact("couch", integer(3), integer(5)),
+            im.SameObject("couch", np.array([(1, 2), (4, 5)], integer)),
+            im.DepthOf(np.array([1, 2], integer), (2.0, 2.0), 0.1, person=integer(1)),
+            im.Seen(integer(2), ((0, 0, 1, 1),), ({"couch": 1.0},)),
+        ]
+        assert list(from_json(to_json(said))) == said
+
+
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -632,6 +644,8 @@ def test_what_no_scene_can_be_is_refused(statements: list[Statement], words: str
         (lambda: im.Presence("couch", region=[(0, 0), (1, 1)]), "three or more corners"),
         (lambda: im.Room([(0, 0), (1, 1), (1, 0), (0, 1)]), "do not cross"),
         (lambda: im.JointAt("NOSE", 0, (0, 1, 1), 0.1), "'NOSE' is no joint"),
+        (lambda: im.JointAt("PELV", 0.5, (0, 1, 1), 0.1), "frame must be a whole number, not 0.5"),
+        (lambda: im.Contact("couch", 1, "2"), "last must be a whole number, not '2'"),
         (lambda: im.DepthOf((1, 1), (2.0, 2.0), 0.1), "each frame once"),
         (lambda: im.DepthOf((1,), (-2.0,), 0.1), "behind the camera"),
         (lambda: im.Contact("couch", 5, 4), "before its first"),

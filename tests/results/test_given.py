@@ -70,6 +70,9 @@ def test_what_no_scene_can_be_is_said_to_be_so() -> None:
     assert after.told.denied == (said,)
     assert f"No scene was found with {said}." in after.told.text
     assert after.told.evidence.effective == 0
+    again = after.given([im.Measured("stature", 1.7, 1.0)])
+    assert again.told is not None
+    assert again.told.denied == after.told.denied
     # What was said by chance is as improbable as that: .001 / 2 on 100 m^2.
     assert after.told.evidence.log_ratio < chance + 1
 

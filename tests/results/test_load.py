@@ -155,6 +155,19 @@ def test_an_opened_run_is_written_again_as_it_was(
     assert_array_equal(again.samples.log_posterior, opened.samples.log_posterior)
 
 
+def test_an_unfinished_run_is_not_replaced_by_another(opened: Posterior, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    chain = folder / "checkpoints" / "chain-0.npz"
+    chain.parent.mkdir(parents=True)
+    chain.write_bytes(b"of another run")
+    with pytest.raises(InputError, match=r"holds an earlier run; .* --overwrite"):
+        opened.save(folder)
+    assert [path.name for path in folder.iterdir()] == ["checkpoints"]
+    opened.save(folder, overwrite=True)
+    assert not chain.parent.exists()
+    assert not (folder / "chains").exists()
+
+
 @pytest.mark.parametrize("kept", [0, 100, 20_000])
 def test_a_truncated_file_is_one_clear_error(folder: Path, tmp_path: Path, kept: int) -> None:
     content = (folder / "posterior.nc").read_bytes()

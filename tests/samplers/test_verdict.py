@@ -89,6 +89,13 @@ def test_stuck_chains_disagree_and_more_draws_are_no_cure(rng):
     assert "layouts 7 and 4" in verdict.text
 
 
+def test_chains_that_stay_at_values_of_their_own_do_not_agree(rng):
+    n = 500
+    own = layout_probabilities(np.arange(2 * n).reshape(2, n), rng=rng)
+    text = judge(own, {"number of objects": np.repeat([[2.0], [3.0]], n, axis=1)}).text
+    assert "Chains do not agree yet on number of objects." in text
+
+
 def test_chains_that_move_each_among_their_own_disagree(rng):
     chains = rng.integers(5, size=(4, 2_000)) + 10 * np.array([[0], [1], [0], [1]])
     verdict = judge(layout_probabilities(chains, rng=rng), {})

@@ -14,9 +14,19 @@ from imapper_prob.samplers.reversible_jump import Mixture, Proposal
 from imapper_prob.sampling.gains import room_of
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.reference import Reference
-from imapper_prob.sampling.scene import in_order, scene_of, state_of
+from imapper_prob.sampling.scene import scene_of, state_of
 from imapper_prob.sampling.steps import MOVES, Moves, propose, scene_moves
 from imapper_prob.sampling.visits import Visits
+
+
+def in_order(problem: Problem, state: State) -> bool:
+    """Whether scenelets are inside the clip, in order and without overlap."""
+    end = 0
+    for scenelet, start in state.items.tolist():
+        if start < end:
+            return False
+        end = start + int(problem.lengths[scenelet])
+    return end <= problem.n_frames
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from imapper_prob.sampling import ascent
 from imapper_prob.sampling.ascent import climb
 from imapper_prob.sampling.gains import gains_of
 from imapper_prob.sampling.learning import learn
-from imapper_prob.sampling.scene import in_order
 from imapper_prob.sampling.steps import Moves, scene_moves
 from imapper_prob.sampling.visits import Visits
 from tests.models import worlds
 from tests.sampling import scenes
+from tests.sampling.scenes import in_order
 
 
 @pytest.fixture(scope="module")

@@ -15,11 +15,11 @@ from imapper_prob.sampling import moves
 from imapper_prob.sampling.scene import (
     Scene,
     flush_run,
-    in_order,
     scene_of,
     state_of,
 )
 from tests.models import worlds
+from tests.sampling.scenes import in_order
 
 PROBLEM = worlds.problem(20)
 LENGTH = int(PROBLEM.lengths[0])

@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from imapper_prob.models.log_posterior import State
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.looks import look, middle_heights
-from imapper_prob.sampling.scene import in_order
 from tests.models import worlds
-from tests.sampling.scenes import random_state
+from tests.sampling.scenes import in_order, random_state
 
 PROBLEM = worlds.problem(20)
 CROSS = TimeCrossover(PROBLEM)

@@ -15,12 +15,11 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.samplers.reversible_jump import Mixture, sample
 from imapper_prob.sampling.learning import learn
-from imapper_prob.sampling.scene import in_order
 from imapper_prob.sampling.steps import Walker
 from imapper_prob.sampling.visits import Visits
 from lab.prior import draw_state
 from tests.models import worlds
-from tests.sampling.scenes import SceneMove, moves_of, random_gains, similarity
+from tests.sampling.scenes import SceneMove, in_order, moves_of, random_gains, similarity
 
 N_FRAMES = 20
 PROBLEM = worlds.problem(N_FRAMES)
