@@ -213,7 +213,7 @@ def row(posterior: im.Posterior, truth: TruthInView, seconds: float) -> dict[str
 def table(scenes: dict[str, dict[str, Any]]) -> str:
     """Markdown table over all scenes, one row for each statement."""
     lines = [
-        "| statement | found | spurious | loss, cm | IoU | joints, cm | reweighted / continued "
+        "| statement | found | spurious | loss, cm | IoU | joints, cm | reweighted / resampled "
         "| seconds |",
         "|---|---:|---:|---:|---:|---:|---:|---:|",
     ]

@@ -155,8 +155,8 @@ def add_recording_commands(
         "--video",
         type=Path,
         metavar="PATH",
-        help="show the clip's pictures: a folder of them, named by frame number, or a video file "
-        "(default: no pictures)",
+        help="show the clip's pictures: a folder of them, named by frame number, or a video "
+        "whose start is frame 0 (default: no pictures)",
     )
     record.set_defaults(execute=_record)
 
