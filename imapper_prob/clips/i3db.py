@@ -44,7 +44,9 @@ from imapper_prob.models.skeleton import (
     THRX,
 )
 
-__all__ = ["ACTIONS", "DETECTIONS", "action_words", "read_i3db", "read_i3db_truth"]
+__all__ = [
+    "ACTIONS", "DETECTIONS", "action_words", "camera_axes", "read_i3db", "read_i3db_truth",
+]  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -117,7 +119,7 @@ def read_i3db(folder: str | Path) -> Clip:
     poses = np.full((len(frame_ids), N_JOINTS, 3), np.nan)
     for frame, joints in frames_of_joints(poses_path, lifted).items():
         if first <= frame <= last:
-            poses[frame - first] = _camera_axes(joints - joints[PELV])
+            poses[frame - first] = camera_axes(joints - joints[PELV])
     filled_in = lifted.get("frame_ids_filled_in") or []
     if not isinstance(filled_in, list):
         raise InputError(f"{poses_path}: 'frame_ids_filled_in' must be a list of frame numbers")
@@ -176,7 +178,7 @@ def read_i3db_truth(folder: str | Path, clip: Clip) -> Truth:
     first = int(clip.frame_ids[0])
     for frame, positions in frames_of_joints(path, data).items():
         if frame % 2 == 0 and frame in clip.frame_ids:
-            joints[frame - first] = camera.to_world(_camera_axes(positions))
+            joints[frame - first] = camera.to_world(camera_axes(positions))
             place = f"{path}, frame {frame}, occlusion flags"
             hidden[frame - first] = numbers(flags.get(frame), shape=(N_JOINTS,), place=place) > 0
     return Truth(
@@ -203,8 +205,19 @@ class _Part:
     size: Array
 
 
-def _camera_axes(points: ArrayLike) -> Array:
-    """(..., 3) points with the files' x right, y down, z forward to x right, y forward, z up."""
+def camera_axes(points: ArrayLike) -> Array:
+    """Convert points from the axes of the files to those of a camera.
+
+    Parameters
+    ----------
+    points : (..., 3) array_like
+        x right, y down, z forward.
+
+    Returns
+    -------
+    (..., 3) float
+        x right, y forward, z up.
+    """
     x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
     return np.stack([x, z, -y], -1)
 
@@ -308,8 +321,8 @@ def _parts_by_object(path: Path, data: Any) -> list[list[_Part]]:
             _Part(
                 label=label,
                 part=part,
-                centre=_camera_axes(centre[:, 0]),
-                axes=_camera_axes(axes.T).T,
+                centre=camera_axes(centre[:, 0]),
+                axes=camera_axes(axes.T).T,
                 size=size[:, 0],
             )
         )

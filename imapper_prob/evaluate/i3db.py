@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from imapper_prob.clips.i3db import read_i3db, read_i3db_truth
+from imapper_prob.clips.i3db import camera_axes, read_i3db, read_i3db_truth
 from imapper_prob.clips.parsing import field, frames_of_joints, load_json, numbers
 from imapper_prob.evaluate.prediction import Prediction, between_frames
 from imapper_prob.evaluate.truth import Outline, TruthInView, box_corners, used_objects
@@ -152,7 +152,7 @@ def _path(path: Path, clip: Clip) -> Array:
     joints = np.full((clip.n_frames, N_JOINTS, 3), np.nan)
     for frame, position in frames_of_joints(path, load_json(path)).items():
         if frame in clip.frame_ids:
-            joints[frame - clip.frame_ids[0]] = _camera_axes(position)
+            joints[frame - clip.frame_ids[0]] = camera_axes(position)
     return between_frames(joints)
 
 
@@ -213,8 +213,8 @@ def _parts(path: Path) -> list[_Part]:
                 object_id=match[1],
                 label=match[2],
                 part=match[3],
-                centre=_camera_axes(values["centroid"][:, 0]),
-                axes=_camera_axes(values["axes"].T).T,
+                centre=camera_axes(values["centroid"][:, 0]),
+                axes=camera_axes(values["axes"].T).T,
                 size=values["scales"][:, 0],
             )
         )
@@ -230,9 +230,3 @@ def _pixels(path: Path, clip: Clip, joints: Array) -> Array:
             pixels[frame - clip.frame_ids[0]] = corrected[:, :2]
     pixels[np.isnan(joints).any(-1)] = np.nan
     return pixels
-
-
-def _camera_axes(points: ArrayLike) -> Array:
-    """(..., 3) points with the files' x right, y down, z forward to x right, y forward, z up."""
-    x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
-    return np.stack([x, z, -y], -1)

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from imapper_prob.models.path_prior import CAMERA
 from imapper_prob.models.text import brief
 
-__all__ = ["Nuisance", "nuisances"]
+__all__ = ["CAMERA_UNITS", "Nuisance", "nuisances"]
 
 Array = NDArray[np.float64]
 
-_UNITS: Mapping[str, str] = {
+CAMERA_UNITS: Mapping[str, str] = {
     "pitch": "rad",
     "elevation": "m",
     "log_focal_scale": "1",
@@ -103,6 +103,6 @@ def nuisances(draws: Array, *, mean: Array, covariance: Array) -> dict[str, Nuis
     """
     spread = np.sqrt(np.diag(covariance))
     return {
-        name: Nuisance(name, _UNITS[name], float(mean[i]), float(spread[i]), draws[..., i])
+        name: Nuisance(name, CAMERA_UNITS[name], float(mean[i]), float(spread[i]), draws[..., i])
         for i, name in enumerate(CAMERA)
     }

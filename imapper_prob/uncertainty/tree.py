@@ -51,6 +51,7 @@ from imapper_prob.sampling.conditioning import Evidence, Told
 from imapper_prob.sampling.ensembles import describe_walked
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import Check, to_json
+from imapper_prob.uncertainty.parameters import CAMERA_UNITS
 from imapper_prob.uncertainty.stored import (
     Source,
     categories_of,
@@ -164,11 +165,7 @@ Variable = tuple[tuple[str, ...], NDArray[Any]]
 """Names of dimensions, and values."""
 _PER_DRAW: Final = ("chain", "draw")
 _UNITS = {
-    "pitch": "rad",
-    "elevation": "m",
-    "log_focal_scale": "1",
-    "log_body_scale": "1",
-    "roll": "rad",
+    **CAMERA_UNITS,
     "mean_depth": "m",
     "pelvis": "m",
     "sides_flipped": "1",
