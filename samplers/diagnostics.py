@@ -10,6 +10,7 @@ References
 Heck, Overstall, Gronau & Wagenmakers 2019, Stat. Comput. 29, 631 (layout indicators).
 Vehtari, Gelman, Simpson, Carpenter & Buerkner 2021, Bayesian Anal. 16, 667 (R-hat).
 Grassmann, Taksar & Heyman 1985, Oper. Res. 33, 1107 (stationary distributions).
+Chodera 2016, J. Chem. Theory Comput. 12, 1799 (detection of equilibration).
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = [
     "LayoutProbabilities",
     "ShortChainWarning",
+    "equilibrated",
     "ess",
     "layout_probabilities",
     "mean_error",
@@ -42,6 +44,12 @@ _SEPARATE_LAYOUTS = 20
 # Number of draws of the transition matrix: the relative error of the result is
 # 1 / sqrt(2 * 500) = 3 %.
 _MATRIX_DRAWS = 500
+# Parts of the draws that may be dropped as not yet equilibrated, and the least number of draws of
+# which any are: effective draws are too uncertain with fewer.
+_DROPPED = (0.1, 0.2, 0.3, 0.4, 0.5)
+_DROPPED_OF = 200
+# Factor by which the effective draws must grow; by chance they seldom double.
+_EQUILIBRATED = 2.0
 # Least transition probability, so that the elimination never divides by zero.
 _NEVER = 1e-100
 
@@ -236,6 +244,37 @@ def ess(draws: ArrayLike) -> Array:
         return np.full(draws.shape[2:], np.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(array_stats.ess(draws, chain_axis=0, draw_axis=1), np.float64)
+
+
+def equilibrated(log_density: ArrayLike) -> int:
+    """Number of first draws of each chain from before the chains were in equilibrium.
+
+    Chains that all find a better mode late have few effective draws of the log density, and many
+    more if the draws before are dropped. The number is that with the most effective draws of the
+    rest, at most half (Chodera 2016). To keep draws of modes that are rare but correct, it is 0
+    unless the effective draws at least double, and the log density rises in all chains: in each by
+    at least half of the mean rise.
+
+    Parameters
+    ----------
+    log_density : (C, N) float
+        Of each draw of C chains.
+
+    Returns
+    -------
+    int
+        0 if there are fewer than 200 draws a chain.
+    """
+    values = np.asarray(log_density, float)
+    n = values.shape[1]
+    if n < _DROPPED_OF:
+        return 0
+    options = [round(part * n) for part in _DROPPED]
+    effective = [float(ess(values[:, first:])) for first in options]
+    first = options[int(np.argmax(effective))]
+    rise = values[:, first:].mean(1) - values[:, :first].mean(1)
+    together = rise.min() >= 0.5 * rise.mean() > 0
+    return first if together and max(effective) >= _EQUILIBRATED * float(ess(values)) else 0
 
 
 def mean_error(draws: ArrayLike) -> Array:

@@ -27,6 +27,7 @@ from imapper_prob.samplers.checkpoint import CheckpointError, checkpoint_of, run
 from imapper_prob.samplers.diagnostics import (
     LayoutProbabilities,
     ShortChainWarning,
+    equilibrated,
     layout_probabilities,
 )
 from imapper_prob.samplers.ladder import LadderSummary
@@ -322,7 +323,10 @@ class _ChainRun:
 
 @dataclass(frozen=True)
 class _Drawn:
-    """Draws of chains so far, with layouts and verdict."""
+    """Draws of chains so far, with layouts and verdict.
+
+    ``dropped`` draws of each chain are from before its equilibrium and not among them.
+    """
 
     chains: Sequence[Chain]
     states: tuple[State, ...]
@@ -332,6 +336,7 @@ class _Drawn:
     probabilities: LayoutProbabilities
     measures: Measures
     verdict: Verdict
+    dropped: int
 
 
 def _in_blocks(
@@ -389,7 +394,7 @@ def _reporter(
 def _block(
     settings: SampleSettings, drawn: _Drawn, clock: Clock, end: int, *, goes_on: bool
 ) -> Block:
-    kept, draws = end - burn_in_of(settings), drawn.values.shape[1]
+    kept, draws = end - burn_in_of(settings), drawn.dropped + drawn.values.shape[1]
     to_good = clock.takes(kept * drawn.verdict.more_draws / draws)
     if drawn.verdict.good or drawn.verdict.disagreement is not None:
         to_good = 0.0 if drawn.verdict.good else math.nan
@@ -412,9 +417,11 @@ def _drawn(
     layout_seed: np.random.SeedSequence,
 ) -> _Drawn:
     n = min(len(chain.states) for chain in chains)
-    states = tuple(state for chain in chains for state in chain.states[-n:])
     values = np.stack([chain.log_posterior[-n:] for chain in chains])
-    return _said_by(cast, settings, chains, states, values, layout_seed)
+    dropped = equilibrated(values)
+    left = n - dropped
+    states = tuple(state for chain in chains for state in chain.states[-left:])
+    return _said_by(cast, settings, chains, states, values[:, dropped:], dropped, layout_seed)
 
 
 def _said_by(
@@ -423,6 +430,7 @@ def _said_by(
     chains: Sequence[Chain],
     states: tuple[State, ...],
     values: Array,
+    dropped: int,
     layout_seed: np.random.SeedSequence,
 ) -> _Drawn:
     """Layouts, probabilities and verdict of draws."""
@@ -439,8 +447,13 @@ def _said_by(
         ladders = tuple(chain.ladder for chain in chains)
         measures = measure(probabilities, common)
         verdict = judge(probabilities, common, ladders=ladders)
+    if dropped:
+        verdict = verdict._replace(
+            text=f"{verdict.text} All chains found a better scene late: the first {dropped} draws "
+            "of each, from before, are left out."
+        )
     return _Drawn(
-        chains, states, values, objects, layouts, probabilities, measures, verdict
+        chains, states, values, objects, layouts, probabilities, measures, verdict, dropped
     )  # fmt: skip
 
 
@@ -464,7 +477,10 @@ def _walked(
         cast.problem, drawn.states, drawn.values, settings.ensemble_steps,
         seed=seed, workers=workers, scratch=scratch, on_progress=report,
     )  # fmt: skip
-    return _said_by(cast, settings, drawn.chains, states, values, layout_seed), walked
+    again = _said_by(
+        cast, settings, drawn.chains, states, values, drawn.dropped, layout_seed
+    )  # fmt: skip
+    return again, walked
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 from imapper_prob.samplers.diagnostics import (
     ShortChainWarning,
+    equilibrated,
     ess,
     layout_probabilities,
     rhat,
@@ -152,3 +153,28 @@ def test_short_chains_warn():
     with pytest.warns(ShortChainWarning):
         found = layout_probabilities(np.array([[1], [2]]), rng=np.random.default_rng(0))
     assert np.isnan(found.standard_error).all()
+
+
+@pytest.mark.parametrize("part", [0.1, 0.15, 0.25, 0.45])
+def test_draws_from_before_equilibrium_are_found(rng, part):
+    n = 800
+    draws = autoregressive(rng, (4, n), correlation=0.8)
+    draws[:, : int(part * n)] -= 20.0
+    first = equilibrated(draws)
+    assert part * n <= first <= (part + 0.1) * n
+    assert float(ess(draws[:, first:])) > 4 * float(ess(draws))
+    # One chain that was elsewhere may have been in a rare mode, and one of higher density was not
+    # on its way.
+    draws = autoregressive(rng, (4, n), correlation=0.8)
+    draws[0, : int(part * n)] -= 20.0
+    assert equilibrated(draws) == 0
+    draws[:, : int(part * n)] += 40.0
+    assert equilibrated(draws) == 0
+    assert equilibrated(draws[:, :100]) == 0
+
+
+def test_chains_in_equilibrium_keep_all_draws(rng):
+    assert (
+        sum(equilibrated(autoregressive(rng, (4, 400), correlation=0.97)) > 0 for _ in range(100))
+        <= 2
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,10 @@ import pytest
 
 from imapper_prob.api import demo_clip
 from imapper_prob.models.log_posterior import log_posterior
+from imapper_prob.results.load import load_posterior
+from imapper_prob.results.posterior import Posterior
 from imapper_prob.sampling import chain
+from imapper_prob.sampling import sample as sample_module
 from imapper_prob.sampling.reference import Reference
 from imapper_prob.sampling.sample import Samples, sample_scenes
 from imapper_prob.sampling.schedule import learning_of
@@ -52,6 +57,33 @@ def test_a_reference_is_learnt_once_for_all_chains(monkeypatch: pytest.MonkeyPat
     marks = [end for end in learning_of(BRIEF.sample).ends if end < BRIEF.sample.rounds]
     assert len(learnt) == 1 + len(marks) > 2
     np.testing.assert_array_equal(drawn.log_posterior, small_posterior().samples.log_posterior)
+
+
+def test_draws_from_before_equilibrium_are_left_out(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    brief = replace(BRIEF, sample=replace(BRIEF.sample, ensemble_steps=0))
+    seed = np.random.SeedSequence(1)
+    whole = sample_scenes(small_solution(), brief.sample, seed=seed)
+    monkeypatch.setattr(sample_module, "equilibrated", lambda _: 4)
+    rest = sample_scenes(small_solution(), brief.sample, seed=np.random.SeedSequence(1))
+    chains, draws = whole.shape
+    assert rest.shape == (chains, draws - 4)
+    np.testing.assert_array_equal(rest.log_posterior, whole.log_posterior[:, 4:])
+    kept = [n for n in range(chains * draws) if n % draws >= 4]
+    for state, n in zip(rest.states, kept, strict=True):
+        np.testing.assert_array_equal(state.placements, whole.states[n].placements)
+    assert rest.probabilities.n_draws == draws - 4
+    assert "the first 4 draws of each, from before, are left out" in rest.verdict.text
+    assert "left out" not in whole.verdict.text
+    Posterior(small_solution(), rest, brief).save(tmp_path)
+    opened = load_posterior(tmp_path).samples
+    assert opened.verdict.text == rest.verdict.text
+    np.testing.assert_array_equal(opened.log_posterior, rest.log_posterior)
+    # They move on in ensembles as others do.
+    walked = sample_scenes(small_solution(), BRIEF.sample, seed=np.random.SeedSequence(1))
+    assert walked.shape == rest.shape
+    assert "left out" in walked.verdict.text
 
 
 def test_draws_have_the_log_posterior_they_say() -> None:
