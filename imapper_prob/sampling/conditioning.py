@@ -24,7 +24,7 @@ from imapper_prob.models.log_posterior import State, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.statement_rows import log_by_chance, tell
-from imapper_prob.models.statements import Statement, describe
+from imapper_prob.models.statements import ObjectAt, Statement, describe
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities
 from imapper_prob.samplers.reweighting import Reweighted, bridge, families_of, resample
 from imapper_prob.samplers.verdict import Verdict, judge
@@ -169,7 +169,8 @@ def denied(
     Returns
     -------
     tuple of str
-        Statements whose density in no state exceeds twice that of an answer by chance.
+        Statements whose density in no state exceeds twice that of an answer by chance. With doubts
+        above .4 the limit is half way, in nats, from such an answer to a certain one.
     """
     found = []
     for statement in statements:
@@ -177,7 +178,11 @@ def denied(
         if chance is None:
             continue
         values = statement_values(tell(problem, [statement], clip, labels), states)
-        if values.max() < chance + math.log(2.0):
+        limit = chance + math.log(2.0)
+        if not isinstance(statement, ObjectAt):
+            certain = math.log1p(-math.exp(chance))
+            limit = min(limit, 0.5 * (chance + certain))
+        if values.max() < limit:
             found.append(f"{describe(statement)} (log density {values.max():.1f}, as by chance)")
     return tuple(found)
 

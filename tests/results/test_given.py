@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +13,8 @@ import pytest
 import imapper_prob as im
 from imapper_prob.results.changes import change_table, changes
 from imapper_prob.results.folders import write_run
+from imapper_prob.sampling.conditioning import denied
+from imapper_prob.uncertainty.stored import categories_of
 from tests.runs import small_posterior
 
 MILD = im.Measured("height", 1.5, 1.0)
@@ -75,6 +78,18 @@ def test_what_no_scene_can_be_is_said_to_be_so() -> None:
     assert again.told.denied == after.told.denied
     # What was said by chance is as improbable as that: .001 / 2 on 100 m^2.
     assert after.told.evidence.log_ratio < chance + 1
+
+
+@pytest.mark.parametrize("doubt", [0.001, 0.5, 0.7, 0.9, 0.99])
+def test_a_doubtful_statement_that_is_true_is_not_denied(doubt: float) -> None:
+    run = small_posterior()
+    known = categories_of(run.solution)
+    anything = im.Presence(known, doubt=doubt)
+    full = [n for n, own in enumerate(run.samples.objects) if own]
+    args = run.solution.problem, [run.samples.states[n] for n in full]
+    assert denied(*args, [anything], run.clip, known) == ()
+    (said,) = denied(*args, [replace(anything, there=False)], run.clip, known)
+    assert "as by chance" in said
 
 
 def test_what_was_given_is_saved_and_added_to(tmp_path: Path) -> None:

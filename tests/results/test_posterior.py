@@ -57,6 +57,14 @@ def test_the_representative_is_a_draw_of_its_layout() -> None:
     best = run.scenes(1)[0].scene
     index = int(np.flatnonzero(samples.log_posterior.ravel() == best.log_posterior)[0])
     assert samples.layouts.indicator[index] == 0
+    # Covariances are of the centres of the layout's draws, matched to the scene's objects.
+    of_layout = [samples.objects[n] for n in np.flatnonzero(samples.layouts.indicator == 0)]
+    for o, covariance in zip(best.objects, run.scenes(1)[0].covariances, strict=True):
+        alike = [
+            min(own, key=lambda other: float(np.hypot(*(other.centre - o.centre)[:2]))).centre[:2]
+            for own in of_layout
+        ]
+        np.testing.assert_allclose(covariance, np.cov(np.transpose(alike)), rtol=1e-6)
     centres = {tuple(o.centre) for o in samples.objects[index]}
     assert {tuple(o.centre) for o in best.objects} == centres
 

@@ -12,6 +12,7 @@ import pytest
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.log_posterior import log_posterior
 from imapper_prob.samplers.verdict import Verdict
 from imapper_prob.sampling import sample
 from imapper_prob.sampling.blocks import Block, Clock, Limits
@@ -133,6 +134,9 @@ def test_blocks_that_were_stopped_go_on_to_the_same_draws(
         part = samples(on_block=on_block, progress=progress, **options)
         assert not part.finished
         assert part.end(SETTINGS) in (60, 100, 140)
+        problem = small_solution().problem
+        for state, value in zip(part.states, part.log_posterior.flat, strict=True):
+            assert log_posterior(problem, state) == pytest.approx(value, abs=1e-6)
     else:
         with pytest.raises(Killed):
             samples(on_block=on_block, progress=progress, **options)

@@ -14,7 +14,7 @@ from imapper_prob.layouts import (
     same_objects,
     through_one_lens,
 )
-from imapper_prob.models.log_posterior import empty_state
+from imapper_prob.models.log_posterior import empty_state, log_posterior
 from imapper_prob.models.scene import SceneObject
 from tests.models import worlds
 from tests.models.worlds import couch
@@ -42,6 +42,19 @@ def test_the_same_couch_met_twice_is_one_object() -> None:
     assert len(merged_objects(problem, library, turned)) == 2
     assert len(merged_objects(problem, library, far)) == 2
     assert merged_objects(problem, library, empty_state(problem)) == ()
+
+
+def test_of_two_that_are_one_the_more_important_one_is_reported() -> None:
+    library, problem = worlds.library(), worlds.problem()
+    places = np.array([0.0, 4.0, 0.0]), np.array([0.2, 4.1, 0.2])
+    for first, second in (places, places[::-1]):
+        state = empty_state(problem).with_item(0, 0, first).with_item(0, 10, second)
+        (found,) = merged_objects(problem, library, state)
+        worse = [log_posterior(problem, state.without_item(k)) for k in range(2)]
+        assert abs(worse[0] - worse[1]) > 0.01
+        placed = placed_objects(state, library)
+        (important,) = [o for k, o in placed if k == int(np.argmin(worse))]
+        np.testing.assert_array_equal(found.centre, important.centre)
 
 
 def test_a_seat_half_in_another_is_the_same_whatever_it_is_called() -> None:

@@ -16,7 +16,7 @@ from imapper_prob.results.posterior import Posterior
 from imapper_prob.sampling import chain
 from imapper_prob.sampling import sample as sample_module
 from imapper_prob.sampling.reference import Reference
-from imapper_prob.sampling.sample import Samples, sample_scenes
+from imapper_prob.sampling.sample import Samples, functionals, sample_scenes
 from imapper_prob.sampling.schedule import learning_of
 from imapper_prob.solver.solver import solve
 from tests.runs import BRIEF, half_library, posterior, small_posterior, small_solution, solution
@@ -92,6 +92,17 @@ def test_draws_have_the_log_posterior_they_say() -> None:
         value = log_posterior(solution().problem, drawn.states[n])
         # Lines of sight are in single precision in both, and not worked out in the same order.
         assert drawn.log_posterior.flat[n] == pytest.approx(value, rel=1e-6)
+
+
+def test_a_verdict_judges_log_posterior_number_of_objects_and_body() -> None:
+    drawn = small_posterior().samples
+    found = functionals(drawn.log_posterior, drawn.states, drawn.objects)
+    assert list(found) == ["log posterior", "number of objects", "body scale"]
+    np.testing.assert_array_equal(found["log posterior"], drawn.log_posterior)
+    count = [len(own) for own in drawn.objects]
+    np.testing.assert_array_equal(found["number of objects"].ravel(), count)
+    scales = [state.camera[3] for state in drawn.states]
+    np.testing.assert_array_equal(found["body scale"].ravel(), scales)
 
 
 def test_solver_finds_a_seat_and_the_shelf_of_the_demo() -> None:
