@@ -352,7 +352,7 @@ def lift_keypoints(
     views = views_of(camera, keypoints[usable], confidences[usable])
     candidates = _nearest_poses(views, poses, count=_CANDIDATES)
     gaps = np.diff(usable) * (10.0 / fps)
-    best, marginal = _smoothed(candidates, gaps)
+    best, marginal = _smoothed(candidates, gaps, share=min(1.0, 10.0 / fps))
     rows = np.arange(len(usable))
     apart = ((candidates.joints - candidates.joints[rows, best][:, None]) ** 2).sum(-1).mean(-1)
     spread[usable] = np.sqrt((marginal * apart).sum(1))
@@ -360,14 +360,18 @@ def lift_keypoints(
     return Lifted(result, spread)
 
 
-def _smoothed(candidates: Candidates, gaps: Array) -> tuple[NDArray[np.intp], Array]:
+def _smoothed(
+    candidates: Candidates, gaps: Array, *, share: float
+) -> tuple[NDArray[np.intp], Array]:
     """The most probable sequence of candidates (T,), and marginal probabilities (T, M).
 
-    ``gaps`` (T - 1,) are times between frames in tenths of a second.
+    ``gaps`` (T - 1,) are times between frames in tenths of a second. ``share`` is that
+    of a frame's evidence which is new: errors of frames less than a tenth of a second apart repeat
+    each other.
     """
     joints, scale = candidates.joints, np.log(candidates.scale)
     n_frames, count = scale.shape
-    own = -candidates.error / _LIKENESS**2
+    own = -share * candidates.error / _LIKENESS**2
     forward, best = np.zeros((2, n_frames, count))
     back = np.zeros((n_frames, count), np.intp)
     forward[0] = best[0] = own[0]

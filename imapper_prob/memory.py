@@ -22,6 +22,8 @@ _PROGRAM: Final = 1.0 * _GIGABYTE
 _EACH_PLACEMENT: Final = 100
 """Bytes for a scenelet at a frame during the solver's candidate search: three coordinates, a cost
 and intermediate values."""
+_EACH_PAIR: Final = 48
+"""Bytes for a pair of scenelets while their similarity is computed: six numbers."""
 _EACH_POSE: Final = 200
 """Bytes for a frame of a draw: its latent normal variables, pelvis and sides, and copies for the
 output file."""
@@ -65,7 +67,7 @@ def memory_needed(rows: int, scenelets: int, settings: SampleSettings | None) ->
     float
         Bytes.
     """
-    needed = _PROGRAM + rows * scenelets * _EACH_PLACEMENT
+    needed = _PROGRAM + rows * scenelets * _EACH_PLACEMENT + _EACH_PAIR * scenelets**2
     if settings is None:
         return needed
     # A continued chain keeps up to twice as many draws.
@@ -93,10 +95,21 @@ def memory_there() -> float:
         pass
     for limit, used in _GROUPS:
         try:
-            there.append(float(int(limit.read_text()) - int(used.read_text())))
+            left = int(limit.read_text()) - int(used.read_text())
         except (OSError, ValueError):  # no such group, or "max"
             continue
+        there.append(float(left + _cached(used.with_name("memory.stat"))))
     return min(there, default=float("inf"))
+
+
+def _cached(statistics: Path) -> int:
+    """Bytes of files that the system holds in a container's memory, and drops when it is needed."""
+    try:
+        lines = statistics.read_text(encoding="ascii").splitlines()
+        numbers = {name: int(number) for name, number in map(str.split, lines)}
+    except (OSError, ValueError):
+        return 0
+    return numbers.get("total_inactive_file", numbers.get("inactive_file", 0))
 
 
 def require_feasible(clip: Clip, library: Library, settings: SampleSettings | None = None) -> None:

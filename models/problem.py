@@ -516,7 +516,7 @@ def _library_arrays(
         "label_chance": seat_chances(library, settings.seat_confusion),
         "label_sides": _mean_sides(library),
         "lowered": np.array(lowered, dtype=np.int64),
-        "log_rate": np.log(settings.scenelet_rate * shares / shares.sum()),
+        "log_rate": np.log(settings.scenelet_rate * 10.0 / clip.fps * shares / shares.sum()),
     }
 
 

@@ -217,8 +217,9 @@ class ModelSettings:
     support_time : float
         Seconds over which the evidence of frames counts once.
     scenelet_rate : float
-        Prior odds that a scenelet starts at a given frame rather than none, shared among the
-        library's scenelets.
+        Prior odds that a scenelet starts at a given frame rather than none, at 10 frames a second
+        (in proportion to the time between frames at other rates), shared among the library's
+        scenelets.
     likelihood : float
         Factor on all terms that depend on data: 1, or 0 to sample the prior.
     energy : str

@@ -63,7 +63,7 @@ def test_frames_of_all_people_count(monkeypatch: pytest.MonkeyPatch) -> None:
         memory.require_feasible(both, load_library())
 
 
-@pytest.mark.parametrize(("n_frames", "gigabytes"), [(400, "1.6"), (2_000, "4.0")])
+@pytest.mark.parametrize(("n_frames", "gigabytes"), [(400, "1.8"), (2_000, "4.2")])
 def test_what_the_pages_say_of_long_clips_is_what_is_asked_for(
     monkeypatch: pytest.MonkeyPatch, n_frames: int, gigabytes: str
 ) -> None:
@@ -108,6 +108,13 @@ def test_memory_there_is_of_the_machine_or_of_its_container(
     assert memory.memory_there() == 4000 * 1024
     limit.write_text("3000000\n")
     used.write_text("1000000\n")
+    assert memory.memory_there() == 2e6
+    # What the system holds of files is free when it is needed.
+    (tmp_path / "memory.stat").write_text("anon 1\ninactive_file 400000\nactive_file 7\n")
+    assert memory.memory_there() == 2.4e6
+    (tmp_path / "memory.stat").write_text("inactive_file 1\ntotal_inactive_file 300000\n")
+    assert memory.memory_there() == 2.3e6
+    (tmp_path / "memory.stat").write_text("nonsense\n")
     assert memory.memory_there() == 2e6
     limit.write_text("max\n")
     there.write_text("nothing\n")

@@ -105,7 +105,9 @@ def limbs_of(problem: Problem, state: State, camera: Camera) -> Limbs:
     depth = np.maximum(seen[..., 1], NEAREST)
     focal = np.array([camera.fx, camera.fy])
     tolerance = focal[0] * problem.pose_tolerance * _bodies(problem, state)[:, None] / depth
-    error, known = _told(problem, state, camera.project(joints), tolerance)
+    # As in the likelihood, nothing is nearer than that.
+    ahead = np.stack([seen[..., 0], depth, seen[..., 2]], -1)
+    error, known = _told(problem, state, camera.project_camera(ahead), tolerance)
     across = known[..., None] * error / focal * depth[..., None]
     # v points down in the image, z up in the camera frame.
     seen = seen + np.stack([across[..., 0], np.zeros(depth.shape), -across[..., 1]], -1)
