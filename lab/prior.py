@@ -260,7 +260,7 @@ class Experiment:
             values[flipped] = values[flipped][:, list(MIRROR)]
         keypoints, confidences = self.detections.draw(
             rng, pixels, rng.random(seen.shape) > seen,
-            image_height=camera.height, looseness=looseness,
+            short_side=camera.short_side, looseness=looseness,
         )  # fmt: skip
         (track,) = self.clip.tracks
         track = replace(

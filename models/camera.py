@@ -62,6 +62,11 @@ class Camera:
                 raise InputError(f"camera {name} = {getattr(self, name)} must be finite")
 
     @property
+    def short_side(self) -> int:
+        """Shorter side of the image in pixels, to which errors of detectors are in proportion."""
+        return min(self.width, self.height)
+
+    @property
     def rotation(self) -> Array:
         """(3, 3) rotation from camera to world axes."""
         cp, sp = np.cos(self.pitch), np.sin(self.pitch)

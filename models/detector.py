@@ -26,8 +26,14 @@ from imapper_prob.models.calibrated import from_data
 from imapper_prob.models.errors import InputError
 
 __all__ = [
-    "CONFIDENCE_EDGES", "ERROR_EDGES", "LOST_ERROR", "DetectionModel", "DetectorSettings",
-    "student_t", "student_t_loss",
+    "CONFIDENCE_EDGES",
+    "ERROR_EDGES",
+    "LOST_ERROR",
+    "REFERENCE_SIDE",
+    "DetectionModel",
+    "DetectorSettings",
+    "student_t",
+    "student_t_loss",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -40,7 +46,9 @@ LOST_ERROR: Final = (2000.0, 4.0)
 """Scale (pixels in an image of 1080 lines) and degrees of freedom of the pixel error of a lost
 joint. The scale is about the image width: a detection of very low confidence tells that the joint
 may be hidden but not where it is, because it often lies on something else."""
-_REFERENCE_HEIGHT = 1080.0
+REFERENCE_SIDE: Final = 1080.0
+"""Shorter side in pixels of the images whose pixel errors were measured; errors are in proportion
+to it."""
 
 
 @dataclass(frozen=True)
@@ -148,15 +156,15 @@ class DetectionModel:
         """
         return np.searchsorted(self.error_edges, np.asarray(confidence, float), side="right")
 
-    def error_tables(self, confidence: ArrayLike, *, image_height: int) -> tuple[Array, Array]:
+    def error_tables(self, confidence: ArrayLike, *, short_side: int) -> tuple[Array, Array]:
         """Scale and degrees of freedom of the pixel errors of detections.
 
         Parameters
         ----------
         confidence : (...) float
             In [0, 1].
-        image_height : int
-            Pixels.
+        short_side : int
+            Shorter side of the image, pixels.
 
         Returns
         -------
@@ -166,7 +174,7 @@ class DetectionModel:
             Degrees of freedom, likewise.
         """
         index = self.error_class(confidence)
-        scale = self.error_scale[:, index] * (image_height / _REFERENCE_HEIGHT)
+        scale = self.error_scale[:, index] * (short_side / REFERENCE_SIDE)
         return np.moveaxis(scale, 0, -1), np.moveaxis(self.error_dof[:, index], 0, -1)
 
     def draw(
@@ -175,7 +183,7 @@ class DetectionModel:
         pixels: ArrayLike,
         hidden: ArrayLike,
         *,
-        image_height: int,
+        short_side: int,
         looseness: ArrayLike = 0.0,
     ) -> tuple[Array, Array]:
         """Draw detections of joints from the observation model.
@@ -186,8 +194,8 @@ class DetectionModel:
         pixels : (..., 2) float
             Projections of the joints.
         hidden : (...) bool
-        image_height : int
-            Pixels.
+        short_side : int
+            Shorter side of the image, pixels.
         looseness : (...) float
             Uncertainty of the pose in pixels, where a scenelet gives it; added in quadrature to the
             detector's scale.
@@ -206,7 +214,7 @@ class DetectionModel:
         bins = np.minimum((u[..., None] > cumulative[state]).sum(-1), len(self.edges) - 2)
         confidence = rng.uniform(self.edges[bins], self.edges[bins + 1])
         index = self.error_class(confidence)
-        scale = self.error_scale[state, index] * (image_height / _REFERENCE_HEIGHT)
+        scale = self.error_scale[state, index] * (short_side / REFERENCE_SIDE)
         scale = np.hypot(scale, looseness)
         dof = self.error_dof[state, index]
         normal = rng.standard_normal((*state.shape, 2))

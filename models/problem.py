@@ -434,7 +434,7 @@ def _seen(
     used[:, list(DETECTED)] = person.confidences[:, list(DETECTED)] > 0
     keypoints = np.where(used[..., None], person.keypoints, 0.0)
     confidence = detections.confidence_density(person.confidences)
-    scale, dof = detections.error_tables(person.confidences, image_height=nominal.height)
+    scale, dof = detections.error_tables(person.confidences, short_side=nominal.short_side)
     residual = _static_residual(nominal, path, keypoints)
     return {
         "fx": nominal.fx, "fy": nominal.fy, "cx": nominal.cx, "cy": nominal.cy,

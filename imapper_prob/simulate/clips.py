@@ -107,7 +107,7 @@ def simulate_track(
     """
     model = detections or DetectionModel()
     keypoints, confidences = model.draw(
-        rng, camera.project(joints), hidden, image_height=camera.height
+        rng, camera.project(joints), hidden, short_side=camera.short_side
     )
     poses = _lifted(rng, joints, hidden, camera=camera, fps=fps)
     missing = ~in_image(camera, joints)

@@ -24,6 +24,7 @@ from scipy.special import logsumexp
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.detector import (
     ERROR_EDGES,
+    REFERENCE_SIDE,
     DetectionModel,
     student_t,
     student_t_loss,
@@ -105,7 +106,7 @@ def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
         return away
     own = _own_frames(
         frames, points[frames], confidences[frames], heights[frames],
-        DetectionModel().error_scale[0, 1:] * camera.height / 1080.0,
+        DetectionModel().error_scale[0, 1:] * camera.short_side / REFERENCE_SIDE,
         uniform=-np.log(float(camera.width) * camera.height), fps=fps,
     )  # fmt: skip
     away[frames] = ~own

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.detector import student_t_loss
+from imapper_prob.models.detector import REFERENCE_SIDE, student_t_loss
 from imapper_prob.models.settings import StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.solver.poses import ANCESTORS, N_BONES, SPREADS, LiftedBody
@@ -41,7 +41,6 @@ Array = NDArray[np.float64]
 
 _NEAREST: Final = 0.1
 """Least depth of a joint in metres, so that its projection is finite."""
-_REFERENCE_LINES: Final = 1080.0
 REFERENCE_RATE: Final = 10.0
 """Frames per second to which step sizes refer."""
 _BRANCHES: Final[Array] = ANCESTORS[list(DETECTED)]
@@ -69,8 +68,8 @@ class Observations:
 
     @property
     def pixel_unit(self) -> float:
-        """Pixels of this image per pixel of an image of 1080 lines."""
-        return self.camera.height / _REFERENCE_LINES
+        """Pixels of this image per pixel of one whose shorter side has 1080."""
+        return self.camera.short_side / REFERENCE_SIDE
 
 
 @dataclass(frozen=True)

@@ -437,7 +437,7 @@ def repeats(
     seen = np.where(np.asarray(truth.hidden)[beside.frames][:, joints], 0, 1)[..., None]
     scale, dof = (
         np.take_along_axis(table, seen, -1)[..., 0]
-        for table in detections.error_tables(confidence, image_height=clip.camera.height)
+        for table in detections.error_tables(confidence, short_side=clip.camera.short_side)
     )
     used = (confidence > 0) & np.isfinite(error).all(-1)
     error = np.where(used[..., None], error, 0.0)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 from imapper_prob.models.detector import DetectionModel, student_t
+from imapper_prob.models.problem import pack_problem
+from tests.runs import small_solution
 
 
 def test_confidence_densities_integrate_to_one() -> None:
@@ -29,7 +33,7 @@ def test_draws_have_the_tabled_confidences_and_errors(hidden: bool) -> None:
     model = DetectionModel()
     rng = np.random.default_rng(3)
     n = 40000
-    pixels, confidence = model.draw(rng, np.zeros((n, 2)), np.full(n, hidden), image_height=1080)
+    pixels, confidence = model.draw(rng, np.zeros((n, 2)), np.full(n, hidden), short_side=1080)
     counts = np.histogram(confidence, model.edges)[0] / n
     expected = model.confidence[0 if hidden else 1]
     # Five standard errors of a binomial share.
@@ -45,5 +49,19 @@ def test_draws_have_the_tabled_confidences_and_errors(hidden: bool) -> None:
 
 def test_errors_grow_with_the_image() -> None:
     model = DetectionModel()
-    small = model.error_tables(0.9, image_height=540)[0]
-    np.testing.assert_allclose(2 * small, model.error_tables(0.9, image_height=1080)[0])
+    small = model.error_tables(0.9, short_side=540)[0]
+    np.testing.assert_allclose(2 * small, model.error_tables(0.9, short_side=1080)[0])
+
+
+def test_a_camera_that_is_turned_has_the_same_errors() -> None:
+    solved = small_solution()
+    wide = solved.clip.camera
+    tall = replace(wide, width=wide.height, height=wide.width)
+    assert wide.short_side == tall.short_side == wide.height < wide.width
+    scales = [
+        pack_problem(
+            replace(solved.clip, camera=camera), solved.path, solved.camera, solved.library
+        ).error_scale
+        for camera in (wide, tall)
+    ]
+    np.testing.assert_array_equal(*scales)

@@ -39,7 +39,7 @@ def squares(
         looseness = np.broadcast_to((TOLERANCE * beside.per_metre).mean(), (FRAMES, 14))
         hidden = HIDDEN[:, joints] & (frames_alike == joints_alike == 1)
         detected, confidence = model.draw(
-            rng, np.zeros((FRAMES, 14, 2)), hidden, image_height=1080, looseness=looseness
+            rng, np.zeros((FRAMES, 14, 2)), hidden, short_side=1080, looseness=looseness
         )
         apart = rng.standard_normal((1, FRAMES, 14, 2))
         first = np.arange(FRAMES) // frames_alike * frames_alike
