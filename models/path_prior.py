@@ -22,12 +22,15 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import read_only
+from imapper_prob.models.settings import LOWEST_CAMERA, STEEPEST_CAMERA
 from imapper_prob.models.skeleton import N_JOINTS
 from imapper_prob.models.text import brief
 
-__all__ = ["CAMERA", "CameraPrior", "StaticPath", "path_tables", "remembered"]
+__all__ = ["CAMERA", "CameraPrior", "StaticPath", "path_tables", "remembered", "within_support"]
 
 Array = NDArray[np.float64]
+_MARGIN: Final = 0.01
+"""Distance from the border of the support, as a share; chosen."""
 
 
 def remembered(seconds: Array, smoothing: Array, fps: float) -> Array:
@@ -168,6 +171,27 @@ class StaticPath:
     def joints(self) -> Array:
         """(T, 16, 3) joints in the camera frame, metres."""
         return self.pelvis[:, None] + self.poses
+
+
+def within_support(mean: Array) -> Array:
+    """The nearest camera that is clearly inside the support of the posterior.
+
+    Chains start from the prior's mean, which the feet of a person may place at the border.
+
+    Parameters
+    ----------
+    mean : (5,) float
+        In the order of :data:`CAMERA`.
+
+    Returns
+    -------
+    (5,) float
+    """
+    steepest = (1.0 - _MARGIN) * STEEPEST_CAMERA
+    inside = np.array(mean, np.float64)
+    inside[[0, 4]] = np.clip(inside[[0, 4]], -steepest, steepest)
+    inside[1] = max(inside[1], (1.0 + _MARGIN) * LOWEST_CAMERA)
+    return inside
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from imapper_prob.models.drawing import (
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.kernels.intersection import footprint_depth
 from imapper_prob.models.log_posterior import State, log_posterior, state_camera
-from imapper_prob.models.path_prior import CameraPrior
+from imapper_prob.models.path_prior import CameraPrior, within_support
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.scenelet import Library
@@ -178,7 +178,7 @@ def _given(
     elevation = np.exp(new_mean[1])
     to_metres = np.diag([1.0, elevation, 1.0, 1.0, 1.0])
     new_mean[1] = elevation
-    return CameraPrior(new_mean, to_metres @ new @ to_metres)
+    return CameraPrior(within_support(new_mean), to_metres @ new @ to_metres)
 
 
 # ------------------------------------------------------------------------------------------------

@@ -19,7 +19,7 @@ from scipy.special import beta, ndtr
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.detector import DetectionModel, DetectorSettings
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.path_prior import CameraPrior, StaticPath
+from imapper_prob.models.path_prior import CameraPrior, StaticPath, within_support
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.settings import CameraSettings, ModelSettings
 from imapper_prob.models.skeleton import LANK, LHIP, LKNE, RANK, RHIP, RKNE, thigh_angle
@@ -182,7 +182,7 @@ def estimate_camera(
     elevation = np.exp(log_elevation)
     to_metres = np.diag([1.0, elevation, 1.0, 1.0, 1.0])
     return CameraPrior(
-        mean=np.array([pitch, elevation, log_focal, log_body, roll]),
+        mean=within_support(np.array([pitch, elevation, log_focal, log_body, roll])),
         covariance=to_metres @ covariance @ to_metres,
     )
 

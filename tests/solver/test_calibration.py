@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.kernels.placement import in_support
 from imapper_prob.models.path_prior import CameraPrior, StaticPath
 from imapper_prob.models.scene import MEASURED_FOCAL, Clip, Track
 from imapper_prob.models.settings import CameraSettings
@@ -99,6 +100,23 @@ def test_is_calibrated_over_cameras_drawn_from_the_prior() -> None:
     assert abs(np.mean(distances) - 5) < 4 * 0.18
     coverage = (np.abs(z) < 1.645).mean(0)
     assert np.all(np.abs(coverage - 0.9) < 4 * 0.017)
+
+
+@pytest.mark.parametrize(("pitch", "elevation"), [(-1.0, 3.0), (1.0, 1.5), (-0.1, 0.2)])
+def test_a_camera_at_the_border_of_what_is_possible_is_inside(
+    pitch: float, elevation: float
+) -> None:
+    clip, path = feet(np.random.default_rng(1), pitch=-0.05, elevation=1.5)
+    clip = replace(clip, camera=replace(clip.camera, pitch=pitch, elevation=elevation))
+    seen = clip.tracks[0]
+    nobody = replace(
+        seen,
+        keypoints=np.full_like(seen.keypoints, np.nan),
+        confidences=np.zeros_like(seen.confidences),
+    )
+    for track in (seen, nobody):
+        found = estimate_camera(replace(clip, tracks=(track,)), path)
+        assert in_support(np.array(found.mean))
 
 
 def test_height_is_calibrated_where_only_the_feet_spread() -> None:
