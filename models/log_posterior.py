@@ -341,20 +341,6 @@ def _target_of(problem: Problem) -> Target:
     return _PUBLISHED if problem.of_paper else _DEFAULT
 
 
-def _term_names(problem: Problem) -> tuple[str, ...]:
-    """Names of the terms of a problem's log-posterior.
-
-    Parameters
-    ----------
-    problem : Problem
-
-    Returns
-    -------
-    tuple of str
-    """
-    return _target_of(problem).names
-
-
 def log_posterior(problem: Problem, state: State) -> float:
     """log pi(phi, X, P | z) up to a constant of the clip; -inf outside the support.
 

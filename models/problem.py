@@ -262,7 +262,7 @@ class Problem(NamedTuple):
 
 
 def resample(joints: Array, *, fps: float, to_fps: float) -> Array:
-    """Resample a motion (n, 16, 3) to another frame rate; its middle frame stays the middle.
+    """Resample a motion (n, 16, 3) to another frame rate; its middle stays the middle.
 
     Parameters
     ----------

@@ -286,7 +286,7 @@ def load_library(source: str | Path = _BUILT_IN) -> Library:
     source : str or Path
         ``"built-in"``, the path of a file of :func:`save_library`, or several of these separated by
         commas, as in ``"built-in,office.npz"``. A comma inside the name of an existing file does
-        not separate. exists does not part.
+        not separate.
 
     Returns
     -------

@@ -75,7 +75,8 @@ _BEGINS: Final = 0.01
 _LEAVES: Final = 1.0
 """Rate per second at which the detector returns."""
 _HOPS: Final = 0.05
-"""Share of the frames elsewhere in which the detector jumps to yet another place."""
+"""Share of the frames elsewhere, at any frame rate, in which the detector jumps to yet another
+place."""
 _LONGEST: Final = 6.0
 """Seconds after which the person may have walked anywhere."""
 

@@ -115,8 +115,10 @@ def fit_windows(
     Raises
     ------
     InputError
-        torch has no such device.
+        torch has no such device, or the library has no scenelet without objects and with an upright
+        person.
     """
+    _bare(problem)
     # Importing torch takes seconds, and sampling or reading a run does not need it.
     from imapper_prob.solver.window_fits import (
         SquaredWindowFitter,
@@ -202,6 +204,17 @@ _TRIED = 3
 """Fits per window that are evaluated exactly; the cost of the fit ranks them well."""
 
 
+def _bare(problem: Problem) -> NDArray[np.int64]:
+    """Scenelets without objects in which somebody stands or walks upright."""
+    bare = np.flatnonzero((np.diff(problem.box_first) == 0) & _upright(problem))
+    if len(bare) == 0:
+        raise InputError(
+            "the library has no scenelet without objects in which somebody stands or walks, to "
+            "compare free frames with; add some, as in --library built-in,YOURS.npz"
+        )
+    return bare
+
+
 def _upright(problem: Problem) -> NDArray[np.bool_]:
     """(L,) scenelets whose person stands or walks upright in most frames.
 
@@ -237,12 +250,7 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
     InputError
         The library has no scenelet with an upright person and without objects.
     """
-    bare = np.flatnonzero((np.diff(problem.box_first) == 0) & _upright(problem))
-    if len(bare) == 0:
-        raise InputError(
-            "the library has no scenelet without objects in which somebody stands or walks, to "
-            "compare with"
-        )
+    bare = _bare(problem)
     empty = empty_state(problem)
     own = frame_log_likelihood(problem, empty)
     cost = np.zeros(problem.n_frames)

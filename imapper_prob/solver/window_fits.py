@@ -190,7 +190,7 @@ class WindowFitter:
         for (au, av), (bu, bv) in combinations_with_replacement(jacobians, 2):
             normal.append((irls * (au * bu + av * bv)).sum((-1, -2)))
         matrix = torch.stack(normal, -1)[..., _SYMMETRIC]
-        # A weak prior keeps windows with few joints near the path: .1 rad, .2 log m, 1 rad.
+        # Damping keeps steps of windows with few joints small: .1 rad, .2 log m, 1 rad.
         matrix = matrix + torch.diag(torch.tensor([100.0, 25.0, 1.0], device=self.device))
         step = torch.linalg.solve(matrix, torch.stack(gradient, -1))
         limit = torch.tensor([0.1, 0.3, 0.6], device=self.device)

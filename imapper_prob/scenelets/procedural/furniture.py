@@ -2,8 +2,7 @@
 
 Every object stands on the floor, with its origin below the middle of its bounding box and its front
 towards +y: people leave a seat towards +y, use a table or shelf from there, and a bed's foot end
-points there. All lengths are metres; each object names the source of its sizes. points there. All
-lengths are metres; each piece names the source of its sizes.
+points there. All lengths are metres; each piece names the source of its sizes.
 """
 
 from __future__ import annotations
