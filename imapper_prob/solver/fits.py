@@ -118,7 +118,8 @@ def fit_windows(
         torch has no such device, or the library has no scenelet without objects and with an upright
         person.
     """
-    _bare(problem)
+    if not squared:
+        _bare(problem)  # free frames are compared with these
     # Importing torch takes seconds, and sampling or reading a run does not need it.
     from imapper_prob.solver.window_fits import (
         SquaredWindowFitter,
