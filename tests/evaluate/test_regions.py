@@ -23,7 +23,7 @@ from imapper_prob.evaluate.published import (
     read_regions,
     region_of,
 )
-from imapper_prob.evaluate.score import SUBSETS, score
+from imapper_prob.evaluate.score import score
 from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
@@ -207,4 +207,3 @@ def test_ours_stand_beside_the_printed_figures() -> None:
     poses = next(r for r in published_pose_rows({"Scene04": here}, ["ours"], "public")
                  if r[0] == "Scene4")  # fmt: skip
     assert poses[6:] == ("–", "0.0 / 0.0 / 0.0", "no", "0.0 / 0.0 / 0.0")
-    assert SUBSETS[2] == "occ3"

@@ -74,6 +74,10 @@ def test_every_object_has_its_two_regions(columns: Columns, certainty: Certainty
     regions = [c.region(share) for c in certainty.clusters for share in (0.5, 0.9)]
     np.testing.assert_allclose(centres[:, :2], [r.centre for r in regions], atol=1e-5)
     np.testing.assert_allclose(sizes[:, :2], [r.half_axes for r in regions], atol=1e-5)
+    turns = np.array(columns["/world/all_draws/positions", "Ellipsoids3D:quaternions"][None])
+    angles = 2 * np.arctan2(turns[:, 2], turns[:, 3])
+    off = angles - np.array([r.angle for r in regions])
+    np.testing.assert_allclose(np.sin(off), 0.0, atol=1e-5)
     labels = columns["/world/all_draws/names", "Points3D:labels"][None]
     likely = [c for c in certainty.clusters if c.presence >= 0.2]
     assert labels == [f"{c.label} {c.presence:.2f}" for c in likely]

@@ -12,15 +12,17 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
 
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.results.report_plots import Floor, map_plot
 from imapper_prob.results.solution import charness_figure, plot_charness
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.solver.actors import Solved, solved
 from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
 from imapper_prob.uncertainty.occupancy import occupancy
-from tests.runs import small_posterior, small_solution
+from tests.runs import posterior, small_posterior, small_solution
 from tests.uncertainty.pieces import piece
 from tests.uncertainty.rooms import couch_and_table
 
@@ -199,3 +201,27 @@ def test_nothing_that_is_reached_prints_pages() -> None:
         for path, part in everything(value, name)
     }
     assert {path: n for path, n in lengths.items() if n >= LONGEST} == {}
+
+
+def test_ellipses_are_the_edges_of_the_regions() -> None:
+    run = posterior()
+    regions = [c.region(share) for c in run.clusters() for share in (0.5, 0.9)]
+    # None is a circle, which would look the same if it was mirrored.
+    assert any(abs(np.sin(2 * r.angle)) > 0.1 and np.ptp(r.half_axes) > 0.02 for r in regions)
+    axes = run.plot()
+    back = axes.transData.inverted()
+    drawn = [back.transform(p.get_verts()) for p in axes.patches if isinstance(p, Ellipse)]
+    plt.close(axes.figure)
+    floor, best = Floor.of(run.clip, run.scenes()), [run.scenes(1)[0].scene.joints[:, PELV, :2]]
+    figure = map_plot(floor, run.occupancy(), run.clusters(), best)
+    edges = [
+        np.stack([line.x, line.y], -1)
+        for line in figure.data
+        if line.type == "scatter" and line.line.dash in ("solid", "dot") and len(line.x) == 49
+    ]
+    for found in (drawn, edges):
+        assert len(found) == len(regions)
+        for region, edge in zip(regions, found, strict=True):
+            out = np.asarray(edge, float) - region.centre
+            assert region.holds(region.centre + 0.98 * out).all()
+            assert not region.holds(region.centre + 1.02 * out).any()
