@@ -11,11 +11,15 @@ import numpy as np
 import pytest
 
 import imapper_prob as im
-from imapper_prob.results.changes import change_table, changes
+from imapper_prob.models.skeleton import REFERENCE_STATURE
+from imapper_prob.results.changes import _objects, change_table, changes
+from imapper_prob.results.conditioned import _renumbered
 from imapper_prob.results.folders import write_run
 from imapper_prob.sampling.conditioning import denied
+from imapper_prob.uncertainty.clusters import ObjectCluster, object_clusters
 from imapper_prob.uncertainty.stored import categories_of
 from tests.runs import small_posterior
+from tests.uncertainty.pieces import piece
 
 MILD = im.Measured("height", 1.5, 1.0)
 
@@ -90,6 +94,56 @@ def test_a_doubtful_statement_that_is_true_is_not_denied(doubt: float) -> None:
     assert denied(*args, [anything], run.clip, known) == ()
     (said,) = denied(*args, [replace(anything, there=False)], run.clip, known)
     assert "as by chance" in said
+
+
+def test_changes_match_objects_by_kind_and_place() -> None:
+    def cluster(label: str, x: float, presence: float) -> ObjectCluster:
+        draws = [[piece(label, x, 4.0)]] * 4
+        (found,) = object_clusters(draws, np.zeros((1, 4)), radius=0.5)
+        return replace(found, presence=presence, presence_error=presence / 10)
+
+    before = [cluster("couch", 0.0, 0.9), cluster("table", 1.0, 0.4), cluster("shelf", 3.0, 0.2)]
+    after = [cluster("chair", 0.3, 0.8), cluster("table", 6.0, 0.5)]
+    rows = {(row.what, row.after): row for row in _objects(before, after)}
+    moved, new = rows["chair", 0.8], rows["table", 0.5]
+    assert (moved.before, moved.before_error) == (0.9, 0.09)
+    assert moved.after_error == pytest.approx(0.08)
+    assert moved.moved == pytest.approx(0.3)
+    assert (new.before, np.isnan(new.moved)) == (0.0, True)
+    assert (rows["table", 0.0].before, rows["shelf", 0.0].before) == (0.4, 0.2)
+    assert len(rows) == 4
+
+
+def test_changes_of_camera_and_person_are_in_their_units() -> None:
+    before, after = small_posterior(), higher()
+    rows = {row.what: row for row in changes(before, after)}
+    for run, side in ((before, "before"), (after, "after")):
+        pitch, height, focal, body, _ = np.transpose([s.camera for s in run.samples.states])
+        for what, values in (
+            ("camera pitch", np.degrees(pitch)),
+            ("camera height", height),
+            ("focal length", run.clip.camera.fx * np.exp(focal)),
+            ("stature", REFERENCE_STATURE * np.exp(body)),
+        ):
+            assert getattr(rows[what], side) == pytest.approx(values.mean()), what
+            assert getattr(rows[what], f"{side}_error") == pytest.approx(values.std()), what
+
+
+def test_chains_of_an_opened_run_go_on_with_its_scenelets(tmp_path: Path) -> None:
+    run, library = small_posterior(), small_posterior().solution.library
+    run.save(tmp_path / "run")
+    opened = im.load_posterior(tmp_path / "run")
+    part = opened.solution.library
+    assert len(part) < len(library)
+    whole = _renumbered(opened.samples.states, part, library)
+    for state, of_part, own in zip(whole, opened.samples.states, run.samples.states, strict=True):
+        np.testing.assert_array_equal(state.items, own.items)
+        names = [part[int(n)].name for n in of_part.items[:, 0]]
+        assert [library[int(n)].name for n in state.items[:, 0]] == names
+    after = opened.given([far_off()], library=library, steps=40)
+    assert after.told is not None
+    assert after.told.evidence is not None
+    assert after.told.evidence.method == "resampled"
 
 
 def test_what_was_given_is_saved_and_added_to(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import LKNE, PELV, RKNE, THRX
@@ -17,6 +18,7 @@ from imapper_prob.uncertainty.checks import (
     Check,
     alarms,
     camera,
+    checks_of,
     elsewhere,
     from_json,
     height,
@@ -31,6 +33,7 @@ from imapper_prob.uncertainty.summary import check_table, describe
 from lab.prior import draw_state
 from tests.models import worlds
 from tests.models.worlds import CAMERA
+from tests.runs import small_posterior
 
 PHI = worlds.camera_prior().mean
 FRAMES = 120
@@ -287,3 +290,29 @@ def test_a_recording_says_alarms_first() -> None:
     told = describe(CLIP, samples, verdict="Good.", alarms=["It cannot be."])  # type: ignore[arg-type]
     assert told.startswith("**It cannot be.**")
     assert "Good." in told
+
+
+def test_checks_are_of_all_draws() -> None:
+    run = small_posterior()
+    problem, states = run.solution.problem, run.samples.states
+
+    def found(drawn: list[State]) -> dict[str, Check]:
+        made = checks_of(
+            run.clip, problem, drawn, run.solution.best_fits, rng=np.random.default_rng(0)
+        )
+        return {check.name: check for check in made}
+
+    def pitched(state: State, by: float) -> State:
+        camera = state.camera + np.array([by, 0.0, 0.0, 0.0, 0.0])
+        return replace(state, camera=camera)
+
+    right = found(list(states))
+    assert not right["camera"].alarmed
+    assert not right["upright"].alarmed
+    wrong = found([pitched(state, 0.7) for state in states])
+    assert wrong["camera"].alarmed
+    assert wrong["upright"].alarmed
+    # Half of the draws, the later ones, count as much as the others.
+    half = len(states) // 2
+    partly = found([*states[:half], *(pitched(state, 0.7) for state in states[half:])])
+    assert right["camera"].value < partly["camera"].value < wrong["camera"].value
