@@ -24,8 +24,14 @@ from imapper_prob.evaluate.probability import (
     posterior_predictions,
     score_posterior,
 )
+from imapper_prob.evaluate.regions import at_true_size, draws_inside, joint_ranks
 from imapper_prob.evaluate.score import known_clip
+from imapper_prob.evaluate.suite import posterior_coverage
+from imapper_prob.evaluate.tables import posterior_rows
+from imapper_prob.evaluate.truth import outline_of
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.log_posterior import state_camera
+from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.solution import write_solution
 from imapper_prob.solver.actors import solved
 from tests.runs import posterior
@@ -66,6 +72,53 @@ def test_scores_of_a_posterior_fit_together() -> None:
     assert found.claimed == len(found.object_ranks) <= found.true == len(known.truth.used)
     for ranks in (found.object_ranks, found.joint_ranks, found.hidden_ranks):
         assert ((ranks >= 0) & (ranks <= 1)).all()
+
+
+def test_scores_of_a_posterior_are_of_the_joints_that_they_name() -> None:
+    truth = known_clip(posterior().clip).truth
+    found = score_posterior(posterior(), truth, name="demo")
+    draws = draws_of(posterior(), rows=len(truth.joints))
+    sized = at_true_size(draws, truth)
+    for ranks, inside, direct, held in (
+        (found.pelvis_ranks, "pelvis_ranks", joint_ranks(draws, truth, joints=(PELV,)),
+         draws_inside(draws, truth, joints=(PELV,))),
+        (found.joint_ranks, "joint_ranks", joint_ranks(draws, truth), draws_inside(draws, truth)),
+        (found.hidden_ranks, "hidden_ranks", joint_ranks(draws, truth, hidden=True),
+         draws_inside(draws, truth, hidden=True)),
+        (found.sized_ranks, "sized_ranks", joint_ranks(sized, truth), draws_inside(sized, truth)),
+    ):  # fmt: skip
+        np.testing.assert_array_equal(ranks, direct)
+        np.testing.assert_array_equal(found.inside[inside], held)
+    assert 0 < len(found.hidden_ranks) < len(found.joint_ranks)
+    shares = posterior_coverage([found])
+    for name, ranks in (
+        ("object centres", found.object_ranks),
+        ("pelvis", found.pelvis_ranks),
+        ("joints", found.joint_ranks),
+        ("hidden joints", found.hidden_ranks),
+        ("joints, given the clip's size", found.sized_ranks),
+    ):
+        half, most = shares[name]
+        assert (half.count, most.count) == (len(ranks), len(ranks)), name
+        assert half.share == pytest.approx(np.mean(ranks < 0.5)), name
+        assert most.share == pytest.approx(np.mean(ranks < 0.9)), name
+    header, row = posterior_rows([found])
+    said = dict(zip(header, row, strict=True))
+    assert (row[0], row[1], row[2]) == ("demo", truth.name, str(len(draws)))
+    assert row[3] == f"{found.first:.0f} / {found.best:.0f}", said
+    assert row[4] == f"{found.expected:.0f} / {found.energy:.0f}", said
+    assert row[5] == f"{found.joint_expected:.0f} / {found.joint_energy:.0f}", said
+    assert row[7] == f"{found.claimed} of {found.true}", said
+
+
+def test_every_draw_is_seen_by_its_own_camera() -> None:
+    run = posterior()
+    claims, clusters = claims_of(run), run.clusters(least=0.005)
+    for claim, cluster in zip(claims[:2], clusters[:2], strict=True):
+        for member, (n, k) in list(zip(claim.members, cluster.members, strict=True))[:20]:
+            camera = state_camera(run.clip.camera, run.samples.states[n])
+            own = outline_of(run.furniture[n][k], camera)
+            np.testing.assert_array_equal(member.centre, own.centre)
 
 
 def test_another_clip_is_refused() -> None:
