@@ -9,7 +9,11 @@ import pytest
 from scipy.stats import entropy, norm
 
 import imapper_prob as im
+from imapper_prob.models.skeleton import REFERENCE_STATURE
+from imapper_prob.models.statement_rows import tell
+from imapper_prob.sampling.conditioning import statement_values
 from imapper_prob.uncertainty.questions import Open, Question, _about_people, _parted, information
+from imapper_prob.uncertainty.stored import categories_of
 from tests.runs import small_posterior
 
 CHAINS, DRAWS = 4, 200
@@ -136,3 +140,31 @@ def test_draws_answer_where_their_own_person_is() -> None:
     # Each answer is most probable by draws as far away as the one that gives it.
     own = [np.median(d.diagonal() / d.max(1)) for d in (depth, place)]
     assert min(own) > 0.2
+
+
+def test_questions_are_about_what_is_open() -> None:
+    run = small_posterior()
+    asked = run.questions()
+    samples, source = run.samples, run.solution
+    unsure = [c for c in run.clusters() if 0.03 < c.presence < 0.97]
+    labels = [p for c in run.clusters() for p in c.labels.values() if 0.03 < p < 0.97]
+    about = [q for q in asked if isinstance(q.open, im.Presence)]
+    assert len(about) == len(unsure) + len(labels) > len(labels) > 0
+    for cluster in unsure:
+        x, y = cluster.mean
+        text = f"Is there a {' or '.join(cluster.labels)} at ({x:.1f}, {y:.1f}) m?"
+        (question,) = [q for q in about if q.text == text]
+        assert isinstance(question.open, im.Presence)
+        assert question.open.labels == tuple(cluster.labels)
+        np.testing.assert_allclose(np.mean(question.open.region, 0), cluster.mean, atol=1e-9)
+        # Its information is that of the statement's probability under each draw.
+        told = tell(source.problem, [question.open], run.clip, categories_of(source))
+        yes = np.exp(statement_values(told, samples.states))
+        known = samples.layouts.indicator.reshape(samples.shape)
+        direct = information(known, np.stack([yes, 1 - yes], -1))
+        assert (question.bits, question.error) == pytest.approx(direct)
+    measured = {q.open.quantity: q.open for q in asked if isinstance(q.open, im.Measured)}
+    heights, bodies = np.transpose([(s.camera[1], s.camera[3]) for s in samples.states])
+    assert measured["height"].value == pytest.approx(heights.mean())
+    assert measured["stature"].value == pytest.approx(np.mean(REFERENCE_STATURE * np.exp(bodies)))
+    assert [q.bits for q in asked] == sorted((q.bits for q in asked), reverse=True)
