@@ -182,6 +182,39 @@ def test_every_import_is_a_declared_dependency() -> None:
                 assert distribution in declared, f"{module_name(path)} imports {top}"
 
 
+def test_an_installation_without_extras_imports_every_module() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    needed = {re.split(r"[^A-Za-z0-9_-]", r)[0].replace("-", "_") for r in project["dependencies"]}
+    for path in SOURCES:
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.Import):
+                tops = [alias.name.split(".")[0] for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                tops = [str(node.module).split(".")[0]]
+            else:
+                continue
+            for top in set(tops) - {"imapper_prob", "__future__"} - set(sys.stdlib_module_names):
+                distribution = DISTRIBUTIONS.get(top, top).replace("-", "_")
+                assert distribution in needed, f"{module_name(path)} imports {top} at once"
+
+
+def test_every_file_of_the_packages_is_installed() -> None:
+    """Other files than modules are those that the wheel is told to have."""
+    setup = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]
+    told = {
+        (ROOT / package.replace(".", "/") / name).resolve()
+        for package, names in setup["setuptools"]["package-data"].items()
+        for name in names
+    }
+    there = {
+        path.resolve()
+        for folder in ("imapper_prob", "models", "samplers")
+        for path in (ROOT / folder).rglob("*")
+        if path.is_file() and path.suffix != ".py" and "__pycache__" not in path.parts
+    }
+    assert there == told
+
+
 def test_every_direct_dependency_is_pinned() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"].values()
