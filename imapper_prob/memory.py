@@ -23,7 +23,8 @@ _EACH_PLACEMENT: Final = 100
 """Bytes for a scenelet at a frame during the solver's candidate search: three coordinates, a cost
 and intermediate values."""
 _EACH_PAIR: Final = 48
-"""Bytes for a pair of scenelets while their similarity is computed: six numbers."""
+"""Bytes for a pair of scenelets while their similarity is computed: their distance and five
+numbers more."""
 _EACH_POSE: Final = 200
 """Bytes for a frame of a draw: its latent normal variables, pelvis and sides, and copies for the
 output file."""

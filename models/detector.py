@@ -26,14 +26,8 @@ from imapper_prob.models.calibrated import from_data
 from imapper_prob.models.errors import InputError
 
 __all__ = [
-    "CONFIDENCE_EDGES",
-    "ERROR_EDGES",
-    "LOST_ERROR",
-    "REFERENCE_SIDE",
-    "DetectionModel",
-    "DetectorSettings",
-    "student_t",
-    "student_t_loss",
+    "CONFIDENCE_EDGES", "ERROR_EDGES", "LOST_ERROR", "REFERENCE_SIDE", "DetectionModel",
+    "DetectorSettings", "student_t", "student_t_loss",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -43,9 +37,9 @@ CONFIDENCE_EDGES: Final = (0, 0.02, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85
 ERROR_EDGES: Final = (0.02, 0.5)
 """Confidences that separate lost, doubtful and sure detections; each class has its pixel error."""
 LOST_ERROR: Final = (2000.0, 4.0)
-"""Scale (pixels in an image of 1080 lines) and degrees of freedom of the pixel error of a lost
-joint. The scale is about the image width: a detection of very low confidence tells that the joint
-may be hidden but not where it is, because it often lies on something else."""
+"""Scale (pixels in an image whose shorter side has 1080) and degrees of freedom of the pixel error
+of a lost joint. The scale is about the image width: a detection of very low confidence tells that
+the joint may be hidden but not where it is, because it often lies on something else."""
 REFERENCE_SIDE: Final = 1080.0
 """Shorter side in pixels of the images whose pixel errors were measured; errors are in proportion
 to it."""

@@ -167,48 +167,23 @@ def clip_options(options: argparse.Namespace) -> ClipOptions:
     )
 
 
-def refuse_to_replace(output: Path, *, overwrite: bool) -> None:
-    """Check that a clip file may be written, before anything is computed for it.
-
-    Raises
-    ------
-    InputError
-        The name is not that of a clip file, or the file exists.
-    """
-    if output.suffix != ".npz":
-        raise InputError(f"{output}: a clip file's name ends in .npz")
-    if output.exists() and not overwrite:
-        raise InputError(f"{output} exists; name another file, or say --overwrite")
-    if not output.parent.is_dir():
-        raise InputError(f"{output}: there is no folder {output.parent}")
-
-
 _PICTURES: Final = (".png", ".jpg", ".jpeg")
 
 
-def refuse_picture(picture: Path | None, *, overwrite: bool) -> None:
-    """Check that a picture may be written, before anything is computed for it.
-
-    Parameters
-    ----------
-    picture : Path, optional
-        None if no picture is asked for.
-    overwrite : bool
-        Whether an earlier one may be replaced.
-
-    Raises
-    ------
-    InputError
-        The name is not that of a picture, its folder is missing, or the file exists.
-    """
-    if picture is None:
-        return
-    if picture.suffix.lower() not in _PICTURES:
+def _require_new_files(options: argparse.Namespace) -> None:
+    """Check that the clip file and the picture may be written, before anything is computed."""
+    output, picture = options.output, options.picture
+    if output.suffix != ".npz":
+        raise InputError(f"{output}: a clip file's name ends in .npz")
+    if picture is not None and picture.suffix.lower() not in _PICTURES:
         raise InputError(f"{picture}: a picture's name ends in {', '.join(_PICTURES)}")
-    if picture.exists() and not overwrite:
-        raise InputError(f"{picture} exists; name another file, or say --overwrite")
-    if not picture.parent.is_dir():
-        raise InputError(f"{picture}: there is no folder {picture.parent}")
+    for path in (output, picture):
+        if path is None:
+            continue
+        if path.exists() and not options.overwrite:
+            raise InputError(f"{path} exists; name another file, or say --overwrite")
+        if not path.parent.is_dir():
+            raise InputError(f"{path}: there is no folder {path.parent}")
 
 
 @contextmanager
@@ -354,8 +329,7 @@ def _detect(options: argparse.Namespace) -> None:
     from imapper_prob.clips.load import clip_table, write_clip
 
     output: Path = options.output
-    refuse_to_replace(output, overwrite=options.overwrite)
-    refuse_picture(options.picture, overwrite=options.overwrite)
+    _require_new_files(options)
     with progress_bars() as progress:
         clip = detect(
             options.video,
@@ -429,8 +403,7 @@ def _track(options: argparse.Namespace) -> None:
     from imapper_prob.files import written_whole
     from imapper_prob.plotting import save_figure
 
-    refuse_to_replace(options.output, overwrite=options.overwrite)
-    refuse_picture(options.picture, overwrite=options.overwrite)
+    _require_new_files(options)
     clip = clip_from(options.clip, options)
     with _writing(options.output):
         write_clip(options.output, clip)

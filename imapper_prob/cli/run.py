@@ -345,12 +345,13 @@ def _sample(
             on_block=hear,
         )
         progress("writing", 0.0)
+        pictures = None if video is None else read_video(video, clip, rate=options.fps)
         write_run(
             options.output,
             posterior,
             overwrite=options.overwrite,
             resumed=True,
-            video=video and read_video(video, posterior.clip, rate=options.fps),
+            video=pictures,
         )
         progress("writing", 1.0)
     if options.json:
