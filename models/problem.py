@@ -336,7 +336,9 @@ def pack_problem(
         raise InputError(f"clip {clip.name}: the static path has {len(path.lift)} frames")
     problem = Problem(
         **_seen(clip, clip.tracks[track], path, detections or DetectionModel()),
-        **_walked(clip, path, camera, settings, starts),
+        **_walked(
+            clip, path, camera, settings, starts, (clip.tracks[track].confidences > 0).any(1)
+        ),
         **_library_arrays(clip, library, settings, weights),
         **_constants(settings, clip.fps),
         stays=np.zeros((0, 3)),
@@ -455,9 +457,13 @@ def _walked(
     camera: CameraPrior,
     settings: ModelSettings,
     starts: NDArray[np.bool_] | None,
+    seen: NDArray[np.bool_],
 ) -> dict[str, Any]:
-    """Fields of a problem that describe the person's path without scenelets."""
-    centre, deviation, rates = _path_prior(path, settings, clip.fps)
+    """Fields of a problem that describe the person's path without scenelets.
+
+    ``seen`` (T,) says in which frames any joint is detected.
+    """
+    centre, deviation, rates = _path_prior(path, settings, clip.fps, seen)
     mean, draw = path_tables(rates, clip.n_frames)
     begins = np.zeros(clip.n_frames, bool) if starts is None else np.array(starts, bool)
     begins[0] = True
@@ -579,17 +585,19 @@ def _start_deviation(settings: ModelSettings) -> Array:
 
 
 def _path_prior(
-    path: StaticPath, settings: ModelSettings, fps: float
+    path: StaticPath, settings: ModelSettings, fps: float, seen: NDArray[np.bool_]
 ) -> tuple[Array, Array, Array]:
     """Centre (T, 2), scale (T, 2) and AR rates (2, 2) of the path without scenelets."""
     if settings.likelihood > 0:
         seconds = np.array([settings.correlation_time_bearing, settings.correlation_time_depth])
         smoothing = np.array([settings.smoothing_time_bearing, settings.smoothing_time_depth])
-        return (
-            np.array(path.estimate),
-            np.array(path.deviation),
-            remembered(seconds, smoothing, fps),
-        )
+        centre, deviation = np.array(path.estimate), np.array(path.deviation)
+        # Long after the last detection, the person is known no worse than one who was never seen.
+        anywhere, spread = _start_mean(settings), _start_deviation(settings)
+        share = deviation[~seen] ** 2 / (deviation[~seen] ** 2 + spread**2)
+        centre[~seen] += share * (anywhere - centre[~seen])
+        deviation[~seen] *= np.sqrt(1.0 - share)
+        return centre, deviation, remembered(seconds, smoothing, fps)
     # Without a likelihood, the path is a stationary AR(1) process about the middle of the room.
     size = (len(path.lift), 1)
     deviation = _start_deviation(settings)

@@ -96,11 +96,12 @@ class LayoutProbabilities(NamedTuple):
 def layout_probabilities(indicators: ArrayLike, *, rng: np.random.Generator) -> LayoutProbabilities:
     """Estimate layout probabilities and their Monte-Carlo standard errors.
 
-    The error is the larger of two estimates. The first is the standard deviation of the stationary
-    distribution when the transition matrix between layouts is drawn from its Dirichlet posterior,
-    with a prior of 1/K per cell (Heck et al. 2019). It assumes that the indicator is a Markov
-    chain, which holds only approximately. The second is the standard error between chains; it needs
-    no such assumption but is noisy with few chains.
+    The error is the largest of three estimates. The first is the standard deviation of the
+    stationary distribution when the transition matrix between layouts is drawn from its Dirichlet
+    posterior, with a prior of 1/K per cell (Heck et al. 2019). It assumes that the indicator is a
+    Markov chain, and is too small if a layout contains scenes that change slowly. The second is the
+    Monte-Carlo error of the mean of the indicator, which uses correlations at all lags. The third
+    is the standard error between chains; it needs no assumption but is noisy with few chains.
 
     Parameters
     ----------
@@ -134,10 +135,21 @@ def layout_probabilities(indicators: ArrayLike, *, rng: np.random.Generator) -> 
         warnings.warn("one draw a chain says nothing of errors", ShortChainWarning, stacklevel=2)
         error = np.full(len(layouts), np.nan)
     else:
-        error = _transition_error(codes, probability, rng)
+        error = np.maximum(_transition_error(codes, probability, rng), _lagged_error(codes))
         if n_chains > 1:
             error = np.maximum(error, by_chain.std(0, ddof=1) / np.sqrt(n_chains))
     return LayoutProbabilities(layouts[order], probability, error, by_chain, by_half, n_draws)
+
+
+def _lagged_error(codes: NDArray[np.intp]) -> Array:
+    """(K,) Monte-Carlo error of the share of each of the separate layouts; 0 of the others."""
+    found = np.zeros(codes.max() + 1)
+    if codes.shape[1] >= _MINIMUM_DRAWS:
+        for layout in range(min(len(found), _SEPARATE_LAYOUTS)):
+            own = (codes == layout).astype(float)
+            if np.ptp(own) > 0:
+                found[layout] = float(mean_error(own))
+    return found
 
 
 def _shares(codes: NDArray[np.intp], n_layouts: int) -> Array:

@@ -230,13 +230,15 @@ def _next_step(log_factor: Array, most: float) -> float:
 
 
 def _family_error(shares: Array, count: int, steps: int) -> float:
-    """Relative standard error of the product of mean weights (Lee & Whiteley 2018, equation 8).
+    """Standard error of the log of the product of mean weights, nats.
 
-    ``shares`` are the last weights summed by family, of ``count`` draws resampled ``steps`` - 1
-    times.
+    Equation 8 of Lee & Whiteley 2018 estimates the variance of the product Z over the mean of its
+    square, v / (1 + v) for the relative variance v; of a log-normal product, v is that of exp(N(0,
+    error^2)). ``shares`` are the last weights summed by family, of ``count`` draws resampled
+    ``steps`` - 1 times. NaN if all draws are of one family: then nothing is known of the error.
     """
     number = len(shares)
     if number < 2:
         return math.nan
     apart = (1 - (shares**2).sum()) * number / (number - 1) * (count / (count - 1)) ** (steps - 1)
-    return math.sqrt(max(0.0, 1 - apart))
+    return math.sqrt(max(0.0, -math.log(apart))) if apart > 0 else math.nan

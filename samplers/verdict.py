@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from imapper_prob.samplers.diagnostics import LayoutProbabilities, ess, rhat
 from imapper_prob.samplers.ladder import LadderSummary, best_rungs
 
-__all__ = ["Measures", "Verdict", "judge", "measure", "rounded_up"]
+__all__ = ["Measures", "Verdict", "judge", "measure", "rounded_up", "worse"]
 
 # Limits of R-hat and of effective draws by Vehtari et al. 2021 (100 for each of four chains).
 _RHAT_LIMIT = 1.01
@@ -126,11 +126,36 @@ def measure(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) 
     )
 
 
+def worse(one: Measures, other: Measures) -> Measures:
+    """The worse of two convergence measures, one by one.
+
+    Parameters
+    ----------
+    one, other : Measures
+
+    Returns
+    -------
+    Measures
+    """
+    by_rhat = max(one, other, key=lambda found: found.rhat)
+    by_draws = min(one, other, key=lambda found: found.effective_draws)
+    return Measures(
+        error=float(np.maximum(one.error, other.error)),
+        rhat=by_rhat.rhat,
+        rhat_of=by_rhat.rhat_of,
+        effective_draws=by_draws.effective_draws,
+        effective_draws_of=by_draws.effective_draws_of,
+        effective_layouts=min(one.effective_layouts, other.effective_layouts),
+        comparable=one.comparable and other.comparable,
+    )
+
+
 def judge(
     layouts: LayoutProbabilities,
     functionals: Mapping[str, ArrayLike],
     *,
     ladders: Sequence[LadderSummary] = (),
+    before: Measures | None = None,
 ) -> Verdict:
     """Judge convergence by layouts and by functionals that every draw has.
 
@@ -141,6 +166,9 @@ def judge(
         Scalar functions of each draw, such as the log posterior and the number of objects.
     ladders : sequence of LadderSummary
         Summaries of tempered chains; they add a sentence and do not change the verdict.
+    before : Measures, optional
+        Measures of the draws before they were moved by ensembles. Those hide the correlation of
+        draws, but not the error that these share, so the worse of both counts.
 
     Returns
     -------
@@ -152,6 +180,8 @@ def judge(
         Chains are too short for R-hat; the verdict then asks for more draws.
     """
     found = measure(layouts, functionals)
+    if before is not None:
+        found = worse(found, before)
     numbers = f"{_numbers(found)}{_tempering(ladders)}"
     disagreement = _disagreement(layouts)
     if disagreement is not None:

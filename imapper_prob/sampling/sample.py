@@ -432,8 +432,9 @@ def _said_by(
     values: Array,
     dropped: int,
     layout_seed: np.random.SeedSequence,
+    before: Measures | None = None,
 ) -> _Drawn:
-    """Layouts, probabilities and verdict of draws."""
+    """Layouts, probabilities and verdict of draws; ``before`` are measures before ensembles."""
     objects = tuple(merged_objects(cast.problem, cast.library, state) for state in states)
     seen = through_one_lens(objects, [state.camera[2] for state in states])
     layouts = group_layouts(seen, values.ravel(), radius=settings.layout_radius)
@@ -446,7 +447,7 @@ def _said_by(
         common = functionals(values, states, objects)
         ladders = tuple(chain.ladder for chain in chains)
         measures = measure(probabilities, common)
-        verdict = judge(probabilities, common, ladders=ladders)
+        verdict = judge(probabilities, common, ladders=ladders, before=before)
     if dropped:
         verdict = verdict._replace(
             text=f"{verdict.text} All chains found a better scene late: the first {dropped} draws "
@@ -478,7 +479,7 @@ def _walked(
         seed=seed, workers=workers, scratch=scratch, on_progress=report,
     )  # fmt: skip
     again = _said_by(
-        cast, settings, drawn.chains, states, values, drawn.dropped, layout_seed
+        cast, settings, drawn.chains, states, values, drawn.dropped, layout_seed, drawn.measures
     )  # fmt: skip
     return again, walked
 

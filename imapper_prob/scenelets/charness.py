@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.distance import cdist
 
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import (
@@ -141,10 +142,8 @@ def descriptor_distances(one: Array, other: Array | None = None) -> Array:
     """
     a = _weighted(one)
     b = a if other is None else _weighted(other)
-    squared = (a**2).sum(1)[:, None] + (b**2).sum(1) - 2.0 * a @ b.T
-    if other is None:
-        np.fill_diagonal(squared, 0.0)
-    distances: Array = np.sqrt(np.maximum(squared, 0.0))
+    # Not by a product of matrices, whose last bits depend on the number of threads.
+    distances: Array = cdist(a, b)
     return distances
 
 
@@ -264,7 +263,8 @@ def charness_maps(
     """
     kernel = _kernel(distances, width) * np.asarray(weights, float)
     kernel /= kernel.sum(1, keepdims=True)
-    maps: Array = np.tensordot(kernel, histograms, axes=1)
+    # As above, no product of matrices.
+    maps: Array = np.einsum("ml,lcij->mcij", kernel, histograms, optimize=False)
     return maps
 
 

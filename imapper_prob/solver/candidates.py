@@ -397,8 +397,12 @@ def along_the_ray(problem: Problem, frame: int, placement: Array) -> tuple[Array
     size : float
         Log size.
     """
-    _, _, log_focal, log_body, _ = problem.camera_mean
-    apart = problem.path_centre[frame, 1] + log_focal + log_body - np.log(placement[1])
+    pitch, _, log_focal, log_body, roll = problem.camera_mean
+    bearing, log_depth = problem.path_centre[frame]
+    # Distance on the floor, in units of the depth along the optical axis.
+    aside, up = np.exp(-log_focal) * np.array([bearing, problem.lift[frame]])
+    ahead = np.cos(pitch) - np.sin(pitch) * (np.sin(roll) * aside + np.cos(roll) * up)
+    apart = log_depth + log_focal + log_body + np.log(ahead) - np.log(placement[1])
     doubt, spread = problem.path_scale[frame, 1] ** 2, problem.size_spread**2
     size = float(apart * spread / (spread + doubt))
     return placement * [np.exp(size), np.exp(size), 1.0], size

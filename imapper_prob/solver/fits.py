@@ -158,7 +158,10 @@ def _fit_windows(
         pelvis = world[centre, 6]
         yaw = float(np.median(np.unwrap(facing(world[max(0, centre - 2) : centre + 3]))))
         index = np.flatnonzero(inside)
-        if not inside.any() or not problem.used[starts[inside].min() : centre + 1].any():
+        if (
+            not inside.any()
+            or not problem.used[starts[inside].min() : (starts + lengths)[inside].max()].any()
+        ):
             if fitting.unseen_on_path:
                 placements[w, index] = *pelvis[:2], yaw
             continue

@@ -45,7 +45,7 @@ class Limbs:
         lambda, the share of the variance across the ray that the detections remove.
     rays : (T, 16, 3) float
         Unit vectors from the camera to the pose's joints.
-    spread : (16,) float
+    spread : (T, 16) float
         Standard deviation of each joint without detections, metres.
     """
 
@@ -64,7 +64,7 @@ class Limbs:
         """
         along = self.rays[..., :, None] * self.rays[..., None, :]
         left = np.eye(3) - self.known[..., None, None] * (np.eye(3) - along)
-        result: Array = self.spread[:, None, None] ** 2 * left
+        result: Array = self.spread[..., None, None] ** 2 * left
         return result
 
     def drawn(self, numbers: Array) -> Array:
@@ -82,7 +82,7 @@ class Limbs:
         """
         along = (numbers * self.rays).sum(-1, keepdims=True) * self.rays
         left = np.sqrt(1.0 - self.known)[..., None] * (numbers - along) + along
-        result: Array = self.joints + self.spread[:, None] * left
+        result: Array = self.joints + self.spread[..., None] * left
         return result
 
 
@@ -104,7 +104,8 @@ def limbs_of(problem: Problem, state: State, camera: Camera) -> Limbs:
     seen = camera.to_camera(joints)
     depth = np.maximum(seen[..., 1], NEAREST)
     focal = np.array([camera.fx, camera.fy])
-    tolerance = focal[0] * problem.pose_tolerance * _bodies(problem, state)[:, None] / depth
+    spread = problem.pose_tolerance * _bodies(problem, state)[:, None]
+    tolerance = focal[0] * spread / depth
     # As in the likelihood, nothing is nearer than that.
     ahead = np.stack([seen[..., 0], depth, seen[..., 2]], -1)
     error, known = _told(problem, state, camera.project_camera(ahead), tolerance)
@@ -116,9 +117,8 @@ def limbs_of(problem: Problem, state: State, camera: Camera) -> Limbs:
     expected[:, NECK] += ((expected - joints)[:, [THRX, HEAD]]).mean(1)
     rays = joints - camera.to_world(np.zeros(3))
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
-    spread = problem.pose_tolerance.copy()
     # The pelvis comes from the path.
-    spread[PELV] = 0.0
+    spread[:, PELV] = 0.0
     return Limbs(expected, known, rays, spread)
 
 

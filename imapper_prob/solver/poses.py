@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from imapper_prob.models import skeleton as sk
+from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Track
 from imapper_prob.models.text import brief
 
@@ -138,7 +139,7 @@ _LEGS: Final = tuple(
 )
 
 
-def implausible_poses(track: Track) -> NDArray[np.bool_]:
+def implausible_poses(track: Track, camera: Camera) -> NDArray[np.bool_]:
     """(T,) frames with an anatomically impossible lifted pose.
 
     There are three signs: inconsistent bone lengths, an upside-down trunk, and a knee that bends
@@ -147,6 +148,8 @@ def implausible_poses(track: Track) -> NDArray[np.bool_]:
     Parameters
     ----------
     track : Track
+    camera : Camera
+        Its pitch and roll tell which way is up.
 
     Returns
     -------
@@ -164,7 +167,7 @@ def implausible_poses(track: Track) -> NDArray[np.bool_]:
     axes = torso_axes(directions)
     signs = (
         np.sqrt((ratio**2).mean(1)) > _PROPORTIONS,
-        axes[:, 2, 2] < _HEAD_DOWN,
+        (axes[:, :, 2] @ camera.rotation[2]) < _HEAD_DOWN,
         np.max([_forward(directions, axes, *leg) for leg in _LEGS], axis=0) > _KNEE,
     )
     for sign in signs:

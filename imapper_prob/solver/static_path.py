@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from imapper_prob.models.camera import Camera
 from imapper_prob.models.detector import ERROR_EDGES
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path_prior import StaticPath
@@ -308,7 +309,7 @@ def _examined(
             "nothing says where the person is; leave the track out"
         )
     pixels = np.where(confidences[..., None] > 0, person.keypoints[:, list(DETECTED)], 0.0)
-    trusted = person.has_pose & ~person.interpolated & ~implausible_poses(person)
+    trusted = person.has_pose & ~person.interpolated & ~implausible_poses(person, clip.camera)
     placed = place(_Sight(clip, person, pixels, confidences), trusted, settings)
     observations, motion = placed.observations, placed.motion
     path = StaticPath(
@@ -318,7 +319,7 @@ def _examined(
         poses=joints_of(motion.bones),
         posed=observations.body.known,
     )
-    frames = _frame_table(placed, settings, person, away)
+    frames = _frame_table(placed, settings, person, clip.camera, away)
     _require_a_person(clip, person, observations, frames)
     return path, frames
 
@@ -346,14 +347,14 @@ def _require_a_person(
 
 
 def _frame_table(
-    placed: _Placed, settings: StaticPathSettings, person: Track, away: Flags
+    placed: _Placed, settings: StaticPathSettings, person: Track, camera: Camera, away: Flags
 ) -> FrameTable:
     """Table of the origin of poses, and the distance of detections from the fitted person."""
     observations, motion = placed.observations, placed.motion
     pose = [PoseSource.OWN if own else PoseSource.CONTRADICTED for own in placed.believed]
     for source, frames in (
         (PoseSource.FAST, placed.fast),
-        (PoseSource.IMPLAUSIBLE, implausible_poses(person)),
+        (PoseSource.IMPLAUSIBLE, implausible_poses(person, camera)),
         (PoseSource.INTERPOLATED, person.interpolated),
         (PoseSource.MISSING, ~person.has_pose),
         (PoseSource.ELSEWHERE, away),

@@ -178,3 +178,14 @@ def test_chains_in_equilibrium_keep_all_draws(rng):
         sum(equilibrated(autoregressive(rng, (4, 400), correlation=0.97)) > 0 for _ in range(100))
         <= 2
     )
+
+
+def test_the_error_of_layouts_holds_where_fast_changes_hide_slow_ones(rng):
+    z = []
+    for _ in range(100):
+        slow = np.stack([two_states(rng, 800, leave=(0.01, 0.01)) for _ in range(4)])
+        found = layout_probabilities(slow ^ (rng.random(slow.shape) < 0.05), rng=rng)
+        off = found.probability - 0.5
+        z.append(float(off[0] / found.standard_error[0]))
+    # Standard errors are themselves known to a third here; 1.75 with transitions alone.
+    assert np.sqrt(np.mean(np.square(z))) < 1.3

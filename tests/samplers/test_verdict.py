@@ -9,7 +9,7 @@ import pytest
 
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities
 from imapper_prob.samplers.ladder import LadderSummary
-from imapper_prob.samplers.verdict import judge, measure
+from imapper_prob.samplers.verdict import judge, measure, worse
 from tests.samplers.markov import autoregressive, two_states, two_states_error
 
 LEAVE = (0.1, 0.1)
@@ -193,3 +193,20 @@ def test_a_run_of_hardly_any_draws_warns_and_still_answers(rng, n):
         )
     assert not verdict.good
     assert verdict.more_draws > 0
+
+
+def test_the_worse_of_two_measures_counts(rng):
+    good = layouts(rng, 4_000)
+    steady, slow = (
+        rng.standard_normal((4, 4_000)),
+        autoregressive(rng, (4, 4_000), correlation=0.99),
+    )
+    before = measure(good, {"log posterior": slow})
+    after = measure(good, {"log posterior": steady})
+    assert after.effective_draws > 4 * before.effective_draws
+    both = worse(after, before)
+    assert (both.effective_draws, both.rhat) == (before.effective_draws, before.rhat)
+    assert judge(good, {"log posterior": steady}).good
+    told = judge(good, {"log posterior": steady}, before=before)
+    assert not told.good
+    assert f"{before.effective_draws:.0f} effective draws of log posterior" in told.text

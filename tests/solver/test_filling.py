@@ -147,11 +147,32 @@ def test_an_implausible_pose_is_as_good_as_none(spoil: object) -> None:
 def test_a_lifter_that_is_always_odd_is_taken_at_its_word() -> None:
     clip = walk(np.random.default_rng(6)).clip
     odd = with_track(clip, poses=broken_knee(clip.tracks[0].poses))
-    assert not implausible_poses(odd.tracks[0]).any()
+    assert not implausible_poses(odd.tracks[0], odd.camera).any()
 
 
 def test_what_people_do_is_plausible() -> None:
-    assert not implausible_poses(walk(np.random.default_rng(7)).clip.tracks[0]).any()
-    assert implausible_poses(demo_clip().tracks[0]).mean() < 0.02
-    empty = walk(np.random.default_rng(8)).clip.tracks[0]
-    assert not implausible_poses(replace(empty, poses=np.full_like(empty.poses, np.nan))).any()
+    clip, demo = walk(np.random.default_rng(7)).clip, demo_clip()
+    assert not implausible_poses(clip.tracks[0], clip.camera).any()
+    assert implausible_poses(demo.tracks[0], demo.camera).mean() < 0.02
+    nothing = replace(clip.tracks[0], poses=np.full_like(clip.tracks[0].poses, np.nan))
+    assert not implausible_poses(nothing, clip.camera).any()
+
+
+@pytest.mark.parametrize("pitch", [0.0, -0.3, -0.8])
+@pytest.mark.parametrize("roll", [0.0, 0.6])
+def test_somebody_who_lies_is_not_upside_down_for_a_tilted_camera(
+    pitch: float, roll: float
+) -> None:
+    truth = walk(np.random.default_rng(7))
+    camera = replace(truth.clip.camera, pitch=pitch, roll=roll)
+    offsets = truth.joints - truth.pelvis[:, None]
+    x, y, z = np.moveaxis(offsets, -1, 0)
+    # With the head towards the camera, or to one side.
+    for lying in ((x, -z, y), (z, y, -x), (-z, y, x)):
+        world = offsets.copy()
+        world[-30:] = np.stack(lying, -1)[-30:]
+        track = replace(truth.clip.tracks[0], poses=world @ camera.rotation)
+        assert not implausible_poses(track, camera).any()
+    world[-30:] = np.stack((x, -y, -z), -1)[-30:]
+    track = replace(truth.clip.tracks[0], poses=world @ camera.rotation)
+    assert implausible_poses(track, camera)[-30:].all()
