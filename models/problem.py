@@ -334,11 +334,10 @@ def pack_problem(
     settings = settings or ModelSettings()
     if len(path.lift) != clip.n_frames:
         raise InputError(f"clip {clip.name}: the static path has {len(path.lift)} frames")
+    seen: NDArray[np.bool_] = np.any(clip.tracks[track].confidences > 0, axis=1)
     problem = Problem(
         **_seen(clip, clip.tracks[track], path, detections or DetectionModel()),
-        **_walked(
-            clip, path, camera, settings, starts, (clip.tracks[track].confidences > 0).any(1)
-        ),
+        **_walked(clip, path, camera, settings, starts, seen),
         **_library_arrays(clip, library, settings, weights),
         **_constants(settings, clip.fps),
         stays=np.zeros((0, 3)),

@@ -445,11 +445,12 @@ def _info(options: argparse.Namespace) -> None:
 def _show_clip(options: argparse.Namespace) -> None:
     from imapper_prob.cli.console import console
     from imapper_prob.clips.load import clip_table
+    from imapper_prob.solver.detections import elsewhere_frames
     from imapper_prob.uncertainty.checks import elsewhere
 
     clip = clip_from(options.folder, options)
     console().print(clip_table(clip))
-    console().print(elsewhere(clip).sentence)
+    console().print(elsewhere(clip, elsewhere_frames(clip)).sentence)
 
 
 def _show_run(options: argparse.Namespace) -> None:

@@ -119,6 +119,7 @@ def report(posterior: Posterior) -> str:
                     clip,
                     samples,
                     scenes,
+                    lost=1 - float(posterior.solution.problem.used.any(1).mean()),
                     clusters=posterior.certainty.clusters,
                     disputed=posterior.disputed,
                 )

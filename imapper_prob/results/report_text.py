@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.scene import SEATS, Clip
 from imapper_prob.models.text import plural, with_error
-from imapper_prob.people import by_person, everybody, own_part
+from imapper_prob.people import by_person, own_part
 from imapper_prob.sampling.sample import Samples
-from imapper_prob.solver.detections import elsewhere_frames
 from imapper_prob.uncertainty.checks import named
 from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
 from imapper_prob.uncertainty.scenes import WeightedScene
@@ -97,6 +96,7 @@ def warnings_of(
     samples: Samples,
     scenes: Sequence[WeightedScene],
     *,
+    lost: float,
     clusters: Sequence[ObjectCluster] = (),
     disputed: Sequence[int] = (),
 ) -> tuple[str, ...]:
@@ -107,6 +107,8 @@ def warnings_of(
     clip : Clip
     samples : Samples
     scenes : sequence of WeightedScene
+    lost : float
+        Share of frames without a detection of the person, of all people together.
     clusters : sequence of ObjectCluster
         Objects matched over all draws.
     disputed : sequence of int
@@ -169,8 +171,6 @@ def warnings_of(
             f"Few frames: {clip.n_frames} of them, {seconds:.1f} s. People tell of furniture by "
             "using it, and that takes time."
         )
-    away = np.concatenate(elsewhere_frames(clip))
-    lost = 1 - float(np.mean((everybody(clip).confidences > 0).any(1) & ~away))
     if lost > _LOST:
         whom = "the person" if len(clip.tracks) == 1 else "people"
         said.append(f"The detector lost {whom} in {100 * lost:.0f} % of the frames.")

@@ -86,8 +86,8 @@ def solve_actors(
     method = METHODS[settings.model.energy]
     own = [
         estimate_camera(
-            own_detections(c),
-            method.examine(c, settings=settings.path)[0],
+            own_detections(c, settings.detector),
+            method.examine(c, settings=settings.path, detector=settings.detector)[0],
             settings=settings.camera,
             detector=settings.detector,
         )

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.models.detector import ERROR_EDGES, DetectionModel
+from imapper_prob.models.detector import ERROR_EDGES, DetectionModel, DetectorSettings
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import DETECTED
@@ -33,7 +33,7 @@ _MOST: Final = 0.9
 """Share of frames elsewhere above which a track is rejected."""
 
 
-def with_usual_confidences(track: Track) -> Track:
+def with_usual_confidences(track: Track, detector: DetectorSettings | None = None) -> Track:
     """Scale the confidences of a track if even the greatest are as those of hidden joints.
 
     Confidences are left alone if the tables take their 95 % quantile for that of a joint in view.
@@ -42,6 +42,8 @@ def with_usual_confidences(track: Track) -> Track:
     Parameters
     ----------
     track : Track
+    detector : DetectorSettings, optional
+        Has the tables.
 
     Returns
     -------
@@ -52,7 +54,7 @@ def with_usual_confidences(track: Track) -> Track:
     if not located.size:
         return track
     greatest = float(np.quantile(located, _SUREST))
-    hidden, seen = DetectionModel().confidence_density(greatest)
+    hidden, seen = DetectionModel.of(detector or DetectorSettings()).confidence_density(greatest)
     if seen >= hidden:
         return track
     factor = _USUAL / greatest
@@ -60,23 +62,33 @@ def with_usual_confidences(track: Track) -> Track:
     return replace(track, confidences=np.minimum(1.0, factor * track.confidences))
 
 
-def elsewhere_frames(clip: Clip) -> tuple[Flags, ...]:
+def elsewhere_frames(clip: Clip, detector: DetectorSettings | None = None) -> tuple[Flags, ...]:
     """Frames of each track in which the detector followed something else.
 
     Parameters
     ----------
     clip : Clip
+    detector : DetectorSettings, optional
+        Has the tables of confidences and errors.
 
     Returns
     -------
     tuple of (T,) bool
         One array per track.
     """
-    tracks = map(with_usual_confidences, clip.tracks)
-    return tuple(frames_elsewhere(t, camera=clip.camera, fps=clip.fps) for t in tracks)
+    model = DetectionModel.of(detector or DetectorSettings())
+    return tuple(
+        frames_elsewhere(
+            with_usual_confidences(track, detector),
+            camera=clip.camera,
+            fps=clip.fps,
+            detections=model,
+        )
+        for track in clip.tracks
+    )
 
 
-def own_detections(clip: Clip) -> Clip:
+def own_detections(clip: Clip, detector: DetectorSettings | None = None) -> Clip:
     """Detections of the persons alone, with usual confidences.
 
     In frames in which the detector followed something else, there is no detection, and no lifted
@@ -85,6 +97,8 @@ def own_detections(clip: Clip) -> Clip:
     Parameters
     ----------
     clip : Clip
+    detector : DetectorSettings, optional
+        Has the tables of confidences and errors.
 
     Returns
     -------
@@ -96,8 +110,8 @@ def own_detections(clip: Clip) -> Clip:
         Nearly all frames of a track are of this kind.
     """
     tracks = []
-    for given, away in zip(clip.tracks, elsewhere_frames(clip), strict=True):
-        track = with_usual_confidences(given)
+    for given, away in zip(clip.tracks, elsewhere_frames(clip, detector), strict=True):
+        track = with_usual_confidences(given, detector)
         detected = (track.confidences > 0).any(1)
         if away.any() and away.sum() > _MOST * detected.sum():
             raise InputError(

@@ -81,7 +81,9 @@ _LONGEST: Final = 6.0
 """Seconds after which the person may have walked anywhere."""
 
 
-def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
+def frames_elsewhere(
+    track: Track, *, camera: Camera, fps: float, detections: DetectionModel
+) -> Flags:
     """Find the frames of a track in which the detector was not on its person.
 
     Parameters
@@ -92,6 +94,8 @@ def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
         The image size is that of the region in which such a detector may be.
     fps : float
         Frames per second.
+    detections : DetectionModel
+        Has the pixel errors.
 
     Returns
     -------
@@ -107,7 +111,7 @@ def frames_elsewhere(track: Track, *, camera: Camera, fps: float) -> Flags:
         return away
     own = _own_frames(
         frames, points[frames], confidences[frames], heights[frames],
-        DetectionModel().error_scale[0, 1:] * camera.short_side / REFERENCE_SIDE,
+        detections.error_scale[0, 1:] * camera.short_side / REFERENCE_SIDE,
         uniform=-np.log(float(camera.width) * camera.height), fps=fps,
     )  # fmt: skip
     away[frames] = ~own

@@ -297,8 +297,10 @@ def fit_clip(
     Fitted
     """
     settings = settings or Settings()
-    path, frames = METHODS[settings.model.energy].examine(clip, settings=settings.path)
-    own = own_detections(clip)
+    path, frames = METHODS[settings.model.energy].examine(
+        clip, settings=settings.path, detector=settings.detector
+    )
+    own = own_detections(clip, settings.detector)
     camera = camera or estimate_camera(
         own, path, settings=settings.camera, detector=settings.detector
     )

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.detector import ERROR_EDGES
+from imapper_prob.models.detector import ERROR_EDGES, DetectorSettings
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.path_prior import StaticPath
 from imapper_prob.models.scene import Clip, Track
@@ -196,6 +196,7 @@ def examine_frames(
     *,
     track: int = 0,
     settings: StaticPathSettings | None = None,
+    detector: DetectorSettings | None = None,
 ) -> tuple[StaticPath, FrameTable]:
     """Estimate the static path, and a table of its frames.
 
@@ -203,6 +204,8 @@ def examine_frames(
     ----------
     clip, track, settings
         See :func:`estimate_static_path`.
+    detector : DetectorSettings, optional
+        Tells which detections are of the person.
 
     Returns
     -------
@@ -214,7 +217,7 @@ def examine_frames(
     InputError
         As :func:`estimate_static_path`.
     """
-    return _examined(clip, track, settings or StaticPathSettings(), _bent_bodies)
+    return _examined(clip, track, settings or StaticPathSettings(), detector, _bent_bodies)
 
 
 def examine_published(
@@ -222,6 +225,7 @@ def examine_published(
     *,
     track: int = 0,
     settings: StaticPathSettings | None = None,
+    detector: DetectorSettings | None = None,
 ) -> tuple[StaticPath, FrameTable]:
     """Estimate the static path of the paper, with rigid skeletons: `imapper_prob.solver.published`.
 
@@ -229,6 +233,8 @@ def examine_published(
     ----------
     clip, track, settings
         See :func:`estimate_static_path`.
+    detector : DetectorSettings, optional
+        Tells which detections are of the person.
 
     Returns
     -------
@@ -240,7 +246,7 @@ def examine_published(
     InputError
         As :func:`estimate_static_path`.
     """
-    return _examined(clip, track, settings or StaticPathSettings(), _rigid_skeletons)
+    return _examined(clip, track, settings or StaticPathSettings(), detector, _rigid_skeletons)
 
 
 @dataclass(frozen=True)
@@ -297,10 +303,11 @@ def _examined(
     clip: Clip,
     track: int,
     settings: StaticPathSettings,
+    detector: DetectorSettings | None,
     place: Callable[[_Sight, Flags, StaticPathSettings], _Placed],
 ) -> tuple[StaticPath, FrameTable]:
-    away = elsewhere_frames(clip)[track]
-    person = own_detections(clip).tracks[track]
+    away = elsewhere_frames(clip, detector)[track]
+    person = own_detections(clip, detector).tracks[track]
     confidences = person.confidences[:, list(DETECTED)]
     confidences = np.where(confidences < ERROR_EDGES[0], 0.0, confidences)
     if np.max((confidences > 0).sum(1), initial=0) < 3:

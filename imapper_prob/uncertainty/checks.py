@@ -39,10 +39,20 @@ from imapper_prob.models.log_posterior import State, camera_at, motion, side_fli
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.settings import ANKLE, NEAREST
-from imapper_prob.models.skeleton import LANK, LHIP, LKNE, MIRROR, PELV, RANK, RHIP, RKNE, THRX
+from imapper_prob.models.skeleton import (
+    DETECTED,
+    LANK,
+    LHIP,
+    LKNE,
+    MIRROR,
+    PELV,
+    RANK,
+    RHIP,
+    RKNE,
+    THRX,
+)
 from imapper_prob.models.text import readable
 from imapper_prob.people import everybody, own_part
-from imapper_prob.solver.detections import elsewhere_frames
 
 __all__ = [
     "Check",
@@ -492,8 +502,14 @@ def checks_of(
         camera(clip.camera, cameras),
         resemblance(best_fits, frame_weight=problem.frame_weight),
         prediction(problem, drawn, clip.camera, rng=rng),
-        elsewhere(clip),
+        elsewhere(clip, _away(clip, problem)),
     )
+
+
+def _away(clip: Clip, problem: Problem) -> list[Flags]:
+    """Frames of each track whose detections the problem has not."""
+    detected = (everybody(clip).confidences[:, list(DETECTED)] > 0).any(1)
+    return np.split(detected & ~problem.used.any(1), len(clip.tracks))
 
 
 def alarms(checks: Iterable[Check]) -> tuple[str, ...]:
@@ -602,18 +618,20 @@ def resemblance(best: Array, *, frame_weight: float) -> Check:
     return Check("resemblance", value, limit, True, sentence)
 
 
-def elsewhere(clip: Clip) -> Check:
+def elsewhere(clip: Clip, away: Sequence[Flags]) -> Check:
     """Check that the detector was always on its people.
 
     Parameters
     ----------
     clip : Clip
+    away : sequence of (T,) bool
+        Frames of each track in which the detector was on something else, see
+        :func:`imapper_prob.solver.detections.elsewhere_frames`.
 
     Returns
     -------
     Check
     """
-    away = elsewhere_frames(clip)
     frames = int(sum(flags.sum() for flags in away))
     if not frames:
         return Check("elsewhere", 0.0, 0.0, False, "The detector was on the person throughout.")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from imapper_prob.models.detector import DetectionModel
+from imapper_prob.models.detector import DetectionModel, DetectorSettings
 from imapper_prob.models.scene import Track
 from imapper_prob.solver.detections import own_detections, with_usual_confidences
 from imapper_prob.solver.static_path import estimate_static_path
@@ -47,6 +47,21 @@ def test_low_confidences_are_brought_to_the_scale_of_the_tables(factor: float) -
 def test_own_detections_have_usual_confidences() -> None:
     (own,) = own_detections(replace(CLIP, tracks=(graded(0.5),))).tracks
     assert np.array_equal(own.confidences, with_usual_confidences(graded(0.5)).confidences)
+
+
+def test_confidences_are_judged_by_the_tables_of_the_settings() -> None:
+    """For a detector that is as sure of nothing, low confidences are usual."""
+    low = graded(0.3)
+    assert with_usual_confidences(low) is not low
+    detector = DetectorSettings()
+    flipped = replace(
+        detector,
+        seen_confidence=detector.hidden_confidence,
+        hidden_confidence=detector.seen_confidence,
+    )
+    assert with_usual_confidences(low, flipped) is low
+    (own,) = own_detections(replace(CLIP, tracks=(low,)), flipped).tracks
+    assert np.array_equal(own.confidences, low.confidences)
 
 
 def test_a_track_without_detections_is_left_alone() -> None:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from imapper_prob.models.detector import DetectionModel
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Track
 from imapper_prob.models.skeleton import LELB, LSHO, LWRI, MIRROR, N_JOINTS
@@ -21,7 +22,7 @@ T = CLIP.n_frames
 
 def found(track: Track) -> list[int]:
     """Frames that are found to be elsewhere."""
-    flags = frames_elsewhere(track, camera=CLIP.camera, fps=CLIP.fps)
+    flags = frames_elsewhere(track, camera=CLIP.camera, fps=CLIP.fps, detections=DetectionModel())
     return np.flatnonzero(flags).tolist()
 
 

@@ -247,10 +247,11 @@ def spoiled(frames: slice) -> Clip:
 
 
 def test_frames_elsewhere_are_named() -> None:
-    assert not elsewhere(CLIP).alarmed
+    assert not elsewhere(CLIP, elsewhere_frames(CLIP)).alarmed
     clip = spoiled(slice(60, 72))
-    assert elsewhere_frames(clip)[0].sum() == 12
-    check = elsewhere(clip)
+    away = elsewhere_frames(clip)
+    assert away[0].sum() == 12
+    check = elsewhere(clip, away)
     assert check.alarmed
     assert check.value == 12
     assert "frames 65-76:" in check.sentence
@@ -316,3 +317,9 @@ def test_checks_are_of_all_draws() -> None:
     half = len(states) // 2
     partly = found([*states[:half], *(pitched(state, 0.7) for state in states[half:])])
     assert right["camera"].value < partly["camera"].value < wrong["camera"].value
+    # Frames whose detections the problem lacks are those in which the detector was elsewhere.
+    used = problem.used.copy()
+    used[10:14] = False
+    problem = problem._replace(used=used)
+    assert right["elsewhere"].value == 0
+    assert found(list(states))["elsewhere"].value == 4
