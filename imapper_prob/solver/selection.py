@@ -9,6 +9,7 @@ the one that costs more is removed.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -24,7 +25,9 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import PaperWeights
 from imapper_prob.models.skeleton import LKNE, LWRI, PELV, RKNE, RWRI
 
-__all__ = ["of_scenelets", "published_objects", "selected_objects", "used_objects"]
+__all__ = [
+    "of_scenelets", "published_objects", "selected_objects", "used_objects", "with_own_scenelets",
+]  # fmt: skip
 
 Ints = NDArray[np.int64]
 
@@ -59,6 +62,25 @@ def of_scenelets(problem: Problem, chosen: Sequence[int] | Ints) -> Problem:
         lowered=problem.lowered[chosen],
         log_rate=problem.log_rate[chosen],
     )
+
+
+def with_own_scenelets(problem: Problem, state: State) -> tuple[Problem, State]:
+    """The problem with a library of the state's scenelets, and the state in it.
+
+    A scenelet that the state has twice is twice in this library. So the furniture of each can be
+    changed alone.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+
+    Returns
+    -------
+    Problem, State
+    """
+    items = np.stack([np.arange(state.n_scenelets), state.items[:, 1]], -1)
+    return of_scenelets(problem, state.items[:, 0]), replace(state, items=items)
 
 
 def _ranges(first: Ints, chosen: Ints) -> Ints:
@@ -103,12 +125,13 @@ def selected_objects(problem: Problem, library: Library, state: State) -> tuple[
     tuple of SceneObject
     """
     placed = placed_objects(state, library)
+    own, own_state = with_own_scenelets(problem, state)
     used = [flag for scenelet in state.items[:, 0] for flag in used_objects(problem, scenelet)]
-    value = log_posterior(problem, state)
+    value = log_posterior(own, own_state)
     kept = []
     for group in same_objects(placed, problem.merge_angle):
         worth = any(used[k] for k in group) or (
-            value - log_posterior(_sunk(problem, _boxes(problem, state, placed, group)), state)
+            value - log_posterior(_sunk(own, _boxes(own, own_state, placed, group)), own_state)
             > _EVIDENCE
         )
         if worth:
@@ -135,9 +158,7 @@ def published_objects(problem: Problem, library: Library, state: State) -> tuple
     tuple of SceneObject
     """
     placed = placed_objects(state, library)
-    own = of_scenelets(problem, state.items[:, 0])
-    items = np.stack([np.arange(state.n_scenelets), state.items[:, 1]], -1)
-    own_state = State(state.camera, items, state.placements, state.sizes, state.latent)
+    own, own_state = with_own_scenelets(problem, state)
     weights = PaperWeights(*problem.paper_nats.tolist())
     left = list(range(len(placed)))
 

@@ -28,7 +28,7 @@ from imapper_prob.models.log_posterior import State, motion, side_flips, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import DETECTED
-from imapper_prob.solver.selection import of_scenelets
+from imapper_prob.solver.selection import with_own_scenelets
 
 __all__ = [
     "FORMAT",
@@ -211,7 +211,7 @@ def _worth_of_objects(
     problem: Problem, state: State, library: Library, whole: Mapping[str, float]
 ) -> tuple[Worth, ...]:
     """The value of each merged object, in order of time."""
-    own, own_state = _own_scenelets(problem, state)
+    own, own_state = with_own_scenelets(problem, state)
     item_of_box = np.repeat(np.arange(state.n_scenelets), np.diff(own.box_first))
     placed = placed_objects(state, library)
     number = [sum(item == i for i, _ in placed[:k]) for k, (item, _) in enumerate(placed)]
@@ -224,16 +224,6 @@ def _worth_of_objects(
         lost = _lost(whole, terms(_without_boxes(own, gone), own_state))
         result.append(Worth(placed[group[0]][1].label, "", tuple(spans), lost))
     return tuple(sorted(result, key=lambda worth: worth.frames))
-
-
-def _own_scenelets(problem: Problem, state: State) -> tuple[Problem, State]:
-    """The same state with a library of exactly its scenelets, in their order.
-
-    A scenelet may occur twice in a state; here each occurrence has its own removable boxes.
-    """
-    chosen = state.items[:, 0]
-    items = np.stack([np.arange(len(chosen)), state.items[:, 1]], -1)
-    return of_scenelets(problem, chosen), replace(state, items=items)
 
 
 def _without_boxes(problem: Problem, gone: NDArray[np.bool_]) -> Problem:

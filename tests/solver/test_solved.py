@@ -12,12 +12,14 @@ import pytest
 from imapper_prob.config import Config, read_config
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.log_posterior import log_posterior
+from imapper_prob.models.scene import Placement, SceneObject
+from imapper_prob.models.scenelet import Library
 from imapper_prob.recording.stages import stage_views
 from imapper_prob.results.folders import write_solution_folder
 from imapper_prob.results.solution import furniture_table, maxima_table, scenes_table, stage_table
 from imapper_prob.solver.actors import Solved, solved
 from imapper_prob.solver.combinations import combine
-from imapper_prob.solver.selection import selected_objects
+from imapper_prob.solver.selection import of_scenelets, selected_objects
 from tests.runs import solution
 
 
@@ -40,10 +42,37 @@ def test_the_best_scene_of_one_actor_is_the_solvers() -> None:
     assert best.log_posterior >= log_posterior(found.problem, found.states[0])
     mine = next(s for s in scenes if s.states[0] is found.states[0])
     named = selected_objects(found.problem, found.library, found.states[0])
-    assert [(o.label, o.placement) for o in mine.objects] == [(o.label, o.placement) for o in named]
+    assert furniture(mine.objects) == furniture(named)
     np.testing.assert_array_equal(pack_boxes(mine.objects), pack_boxes(named))
     assert set(mine.users) == {(0,)}
     assert len(scenes) > 1
+
+
+def test_furniture_of_a_scenelet_used_twice_is_judged_apart() -> None:
+    """As if the library had the scenelet twice."""
+    found = solution()
+    problem, best, scenelets = found.problem, found.states[0], tuple(found.library)
+    placements = np.stack([best.placements[0], best.placements[0] + [1.5, 0.5, 0.8]])
+    judged = 0
+    for k, scenelet in enumerate(scenelets):
+        starts = [5, 8 + int(problem.lengths[k])]
+        if len(scenelet.objects) < 2 or starts[1] + problem.lengths[k] > problem.n_frames:
+            continue
+        twice = replace(
+            best, items=np.array([[k, starts[0]], [k, starts[1]]]), placements=placements,
+            sizes=np.zeros(2),
+        )  # fmt: skip
+        both = Library("both", (scenelet, replace(scenelet, name="the second")))
+        copies = replace(twice, items=np.array([[0, starts[0]], [1, starts[1]]]))
+        alone = selected_objects(of_scenelets(problem, [k, k]), both, copies)
+        assert furniture(selected_objects(problem, found.library, twice)) == furniture(alone)
+        judged += len(alone) < 2 * len(scenelet.objects)
+    assert judged
+
+
+def furniture(objects: tuple[SceneObject, ...]) -> list[tuple[str, Placement]]:
+    """What identifies objects."""
+    return [(o.label, o.placement) for o in objects]
 
 
 def test_every_stage_has_something_to_show() -> None:
