@@ -251,7 +251,8 @@ def sample(
         source = solutions[0] if len(solutions) == 1 else join_actors(solutions)
         bare = source.problem
         if given:
-            source = with_statements(source, tell(bare, given, clip, labels))
+            check_statements(given, source.clip, labels)
+            source = with_statements(source, tell(bare, given, source.clip, labels))
         ready = time.perf_counter()
         samples = sample_scenes(
             source,
@@ -267,7 +268,7 @@ def sample(
         )
     told = None
     if given:
-        told = Told(tuple(given), denied=denied(bare, samples.states, given, clip, labels))
+        told = Told(tuple(given), denied=denied(bare, samples.states, given, source.clip, labels))
     seconds = {"solving": ready - begun, "sampling": time.perf_counter() - ready}
     end = samples.end(config.sample)
     if limits.any or (samples.finished and end > end_of(config.sample)):

@@ -5,11 +5,12 @@
 
 simulates short clips of a sixth of the built-in library, solves and samples each, and gives every
 question of the posterior the answer that the true scene gives, with the error that the question
-states. Draws are weighted by the probability of that answer, and the entropy of layouts is taken
-before and after. Prints Markdown: by how many bits it was said to fall and fell, for the question
-ranked first and for one of the others drawn at random, and by how much was said. The person's
-stature is not asked, for the truth of a clip does not have it. Each clip leaves a file; the same
-command goes on from there, and begins anew where the program has changed. 20 s a clip and core.
+states. Draws are weighted by the probability of that answer, and the entropy of layouts is compared
+with that of layouts moved against the weights. Prints Markdown: by how many bits it was said to
+fall and fell, for the question ranked first and for one of the others drawn at random, and by how
+much was said. The person's stature is not asked, for the truth of a clip does not have it. Each
+clip leaves a file; the same command goes on from there, and begins anew where the program has
+changed. 20 s a clip and core.
 """
 
 from __future__ import annotations
@@ -41,11 +42,11 @@ from imapper_prob.models.statement_rows import tell
 from imapper_prob.models.statements import DepthOf, JointAt, Measured, Presence
 from imapper_prob.sampling.conditioning import statement_values
 from imapper_prob.scenelets.library import load_library
-from imapper_prob.uncertainty.questions import Question
+from imapper_prob.uncertainty.questions import Question, shifted
 from lab.alarms import shortened, simulated
 from lab.kept import digest
 
-__all__ = ["Settled", "answer_of", "entropy_after", "page"]
+__all__ = ["Settled", "answer_of", "fall", "page"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -101,18 +102,30 @@ def _pelvis(truth: Truth, clip: Clip, frame: int) -> Array:
     return place
 
 
-def entropy_after(layouts: Ints, log_weights: Array) -> float:
-    """Entropy of layouts, bits, of draws with weights.
+def fall(layouts: Ints, log_weights: Array, rng: np.random.Generator) -> float:
+    """Bits by which weights lower the entropy of layouts.
+
+    The entropy of few effective draws is too low. So the entropy with weights is compared with what
+    it is if the layouts of each chain are moved around, so that weights tell nothing of them.
 
     Parameters
     ----------
-    layouts : (N,) int
-    log_weights : (N,) float
+    layouts : (C, N) int
+        Layout of each draw of each chain.
+    log_weights : (C N,) float
+    rng : numpy.random.Generator
+        For the moves.
 
     Returns
     -------
     float
     """
+    idle = np.mean([_entropy(moved.ravel(), log_weights) for moved in shifted(layouts, rng)])
+    return float(idle - _entropy(layouts.ravel(), log_weights))
+
+
+def _entropy(layouts: Ints, log_weights: Array) -> float:
+    """Entropy of layouts, bits, of draws with weights."""
     weights = np.exp(log_weights - log_weights.max())
     shares = np.bincount(layouts, weights) / weights.sum()
     shares = shares[shares > 0]
@@ -126,16 +139,16 @@ def settled(seed: int, config: Config) -> list[Settled]:
     truth = clip.truth
     assert truth is not None
     posterior = sample(clip, library, rng=seed, config=config)
-    layouts, states = posterior.samples.layouts.indicator, posterior.samples.states
-    before, found = entropy_after(layouts, np.zeros(len(layouts))), []
+    samples, found = posterior.samples, []
+    layouts = samples.layouts.indicator.reshape(samples.shape)
     for question in posterior.questions():
         answer = answer_of(question, truth, clip, rng)
         if answer is None:
             continue
         said = question.answered(answer)
         told = tell(posterior.solution.problem, [said], clip, labels_of(library))
-        after = entropy_after(layouts, statement_values(told, states))
-        found.append(Settled(question.text, question.bits, question.error, before - after))
+        fell = fall(layouts, statement_values(told, samples.states), rng)
+        found.append(Settled(question.text, question.bits, question.error, fell))
     return found
 
 

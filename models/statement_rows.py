@@ -85,7 +85,8 @@ def check_statements(statements: Sequence[Statement], clip: Clip, labels: Sequen
     ------
     InputError
         A label is not in the library, a frame not in the clip, a box not in the image, a position
-        is behind the camera, or two statements contradict each other.
+        is behind the camera, a stature is of several people, a statement is given twice, or two
+        statements contradict each other.
     """
     for statement in statements:
         for label in sorted(_labels_said(statement).difference(labels)):
@@ -105,15 +106,28 @@ def check_statements(statements: Sequence[Statement], clip: Clip, labels: Sequen
                     f"{describe(statement)}: clip {clip.name} has no person {person}, but "
                     f"{len(clip.tracks)}"
                 )
+        if isinstance(statement, Measured) and statement.quantity == "stature":
+            _check_stature(statement, clip)
         _check_view(statement, clip)
     for one, other in combinations(statements, 2):
+        if one == other:
+            raise InputError(f"{describe(one)} is given twice")
         if _contradict(one, other) or _contradict(other, one):
             raise InputError(f"{describe(one)} and {describe(other)} contradict each other")
 
 
+def _check_stature(statement: Measured, clip: Clip) -> None:
+    """One body size belongs to all people of a problem, each with a fixed factor of their own."""
+    if len(clip.tracks) > 1:
+        raise InputError(
+            f"{describe(statement)}: clip {clip.name} has {len(clip.tracks)} people, and the "
+            "stature of one of them is not a quantity of the model; leave it out"
+        )
+
+
 def _labels_said(statement: Statement) -> set[str]:
     if isinstance(statement, Seen):
-        return {label for row in statement.confusion for label in row}
+        return {label for row in (*statement.confusion, statement.named or {}) for label in row}
     if isinstance(statement, Behind):
         return {*statement.labels, *statement.before}
     return set(getattr(statement, "labels", ()))
@@ -151,13 +165,18 @@ def _check_view(statement: Statement, clip: Clip) -> None:
                 f"{describe(statement)}: the box {left:g}, {top:g}, {right:g}, {bottom:g} is "
                 f"outside the picture of {width} x {height} px"
             )
-    place: tuple[float, ...] | None = None
-    if isinstance(statement, ObjectAt) and statement.place is not None:
-        place = (*statement.place, 0.0)
-    elif isinstance(statement, JointAt):
-        place = statement.point
-    if place is not None:
-        depth = float(clip.camera.to_camera(np.array(place))[1])
+    places: Sequence[tuple[float, ...]] = ()
+    match statement:
+        case ObjectAt(place=place) if place is not None:
+            places = [(*place, 0.0)]
+        case JointAt(point=point):
+            places = [point]
+        case Presence(there=True, region=corners) if corners is not None:
+            places = [(*corner, 0.0) for corner in corners]
+        case Room(walls=corners):
+            places = [(*corner, 0.0) for corner in corners]
+    if places:
+        depth = float(clip.camera.to_camera(np.array(places))[:, 1].max())
         if depth <= NEAREST:
             raise InputError(
                 f"{describe(statement)}: that is {-depth:.1f} m behind the camera, which looks "
@@ -192,6 +211,14 @@ def _contradict(one: Statement, other: Statement) -> bool:
                     one.region, other.place, _FAR_APART * math.hypot(one.std, other.place_std)
                 )
             )
+        case DepthOf(), DepthOf() if (one.joint, one.person) == (other.joint, other.person):
+            return _far_depths(one, other)
+        case Room(), Room():
+            far = _FAR_APART * math.hypot(one.std, other.std)
+            return bool(Polygon(one.walls).distance(Polygon(other.walls)) > far)
+        case Room(), JointAt(joint="PELV"):
+            far = _FAR_APART * math.hypot(one.std, other.std)
+            return bool(Polygon(one.walls).distance(Point(other.point[:2])) > far)
         case Room(), ObjectAt() if other.place is not None:
             far = _FAR_APART * math.hypot(one.std, other.place_std)
             return bool(Polygon(one.walls).distance(Point(other.place)) > far)
@@ -200,6 +227,17 @@ def _contradict(one: Statement, other: Statement) -> bool:
             return bool(Polygon(one.walls).distance(Polygon(other.region)) > far)
         case _:
             return False
+
+
+def _far_depths(one: DepthOf, other: DepthOf) -> bool:
+    """Whether two systems' depths differ in a frame by more than their errors allow."""
+    errors = (one.error, one.scale_error, other.error, other.scale_error)
+    first = dict(zip(one.frames, one.depths, strict=True))
+    return any(
+        abs(math.log(depth / first[frame])) > _FAR_APART * math.hypot(*errors)
+        for frame, depth in zip(other.frames, other.depths, strict=True)
+        if frame in first
+    )
 
 
 def _deep_in(region: Points, place: tuple[float, float], by: float) -> bool:
@@ -242,14 +280,16 @@ def tell(
     rows: list[tuple[float, ...]] = []
     for kind, number, statement in zip(kinds, numbers, statements, strict=True):
         found = _packed(statement, clip)
-        mine = found.labels or [dict.fromkeys(_labels_said(statement), 1.0)]
+        mine = list(found.labels) or [dict.fromkeys(_labels_said(statement), 1.0)]
+        if isinstance(statement, Seen):
+            named = statement.named
+            mine = [*found.labels, dict.fromkeys(labels, 1.0) if named is None else named]
         kind[:] = (
             found.kind, len(said), len(rows), len(rows) + len(found.rows), found.joint,
             found.first, found.end,
         )  # fmt: skip
         number[: len(found.numbers)] = found.numbers
-        if not isinstance(statement, Seen) or statement.boxes:
-            said += [np.array([row.get(label, 0.0) for label in labels]) for row in mine]
+        said += [np.array([row.get(label, 0.0) for label in labels]) for row in mine]
         rows += [(*row, *[0.0] * (GIVEN_ROW - len(row))) for row in found.rows]
     return problem._replace(
         given_kinds=kinds,
@@ -280,7 +320,8 @@ def _packed(statement: Statement, clip: Clip) -> _Packed:
     match statement:
         case Measured(quantity, value, std):
             unit = math.pi / 180 if quantity == "pitch" else 1.0
-            return _Packed(NUMBER, (unit * value, unit * std), joint=QUANTITIES.index(quantity))
+            said_number = (unit * value, unit * std, math.log(unit))
+            return _Packed(NUMBER, said_number, joint=QUANTITIES.index(quantity))
         case ObjectAt():
             return _Packed(OBJECT, _object_numbers(statement, picture))
         case Presence():
@@ -321,10 +362,15 @@ def _packed(statement: Statement, clip: Clip) -> _Packed:
             # Two edges per direction, in order; and any of the labels.
             anywhere = 2 * math.log(2 / (width * height)) - math.log(_LABELS_OF_DETECTORS)
             said_seen = (statement.rate, statement.clutter, anywhere, statement.std, width, height)
+            boxes = [_in_picture(box, picture) for box in statement.boxes]
             return _Packed(
-                DETECTIONS_OF_OBJECTS, said_seen, statement.boxes, statement.confusion, first=t,
-                end=t + 1,
-            )  # fmt: skip
+                DETECTIONS_OF_OBJECTS, said_seen, boxes, statement.confusion, first=t, end=t + 1
+            )
+
+
+def _in_picture(box: tuple[float, ...], picture: tuple[float, float]) -> tuple[float, ...]:
+    """A box without its part outside the picture, as the boxes of pieces are."""
+    return tuple(min(max(edge, 0.0), picture[k % 2]) for k, edge in enumerate(box))
 
 
 _LABELS_OF_DETECTORS: Final = 80
@@ -369,5 +415,6 @@ def _object_numbers(said: ObjectAt, picture: tuple[float, float]) -> tuple[float
         said.doubt, wrong,
         *(place or (0.0, 0.0)), said.place_std if place else nothing,
         *(size or (0.0,) * 3), said.size_std if size else nothing,
-        *(box or (0.0,) * 4), said.box_std if box else nothing, *picture,
+        *(_in_picture(box, picture) if box else (0.0,) * 4), said.box_std if box else nothing,
+        *picture,
     )  # fmt: skip

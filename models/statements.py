@@ -14,6 +14,7 @@ import math
 import operator
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from numbers import Real
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -47,6 +48,11 @@ Array = NDArray[np.float64]
 Points = tuple[tuple[float, float], ...]
 _DOUBT: Final = 0.001
 """Default probability that an answer is given by chance; chosen."""
+_LEAST_METRES: Final = 1e-4
+_LEAST_PIXELS: Final = 0.01
+_LEAST_SHARE: Final = 1e-4
+"""Least standard deviations of measured lengths (m), edges in a picture (px) and relative depths;
+chosen. Nobody measures furniture better, and much smaller ones are lost in rounding."""
 QUANTITIES: Final = ("pitch", "height", "focal", "stature")
 """Quantities that can be measured; the index is their number in a problem."""
 
@@ -83,8 +89,8 @@ class Measured:
             raise InputError(
                 f"{self.quantity!r:.60} is not measured; name one of {', '.join(QUANTITIES)}"
             )
-        _require_finite(self.value, f"the measured {self.quantity}")
-        _require_positive(self.std, f"the std of the measured {self.quantity}")
+        object.__setattr__(self, "value", _number(self.value, f"the measured {self.quantity}"))
+        _positive(self, "std", f"the std of the measured {self.quantity}")
         least, most = {
             "pitch": (-math.degrees(STEEPEST_CAMERA), math.degrees(STEEPEST_CAMERA)),
             "height": (LOWEST_CAMERA, 100.0), "focal": (1.0, 1e5), "stature": (0.5, 2.5),
@@ -148,7 +154,8 @@ class ObjectAt:
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, _numbers(values, count, f"the {name} of {self}"))
-                _require_positive(getattr(self, f"{name}_std"), f"{name}_std of {self}")
+                least = _LEAST_PIXELS if name == "box" else _LEAST_METRES
+                _positive(self, f"{name}_std", f"{name}_std of {self}", least=least)
         if self.size is not None and not min(self.size) > 0:
             raise InputError(f"object {self}: its size {self.size} must be positive")
         if self.box is not None and not (self.box[0] < self.box[2] and self.box[1] < self.box[3]):
@@ -196,7 +203,8 @@ class Presence:
         object.__setattr__(self, "labels", _labels(self.labels))
         if self.region is not None:
             object.__setattr__(self, "region", _polygon(self.region, f"the region of {self}"))
-        _require_positive(self.std, f"std of {self}")
+        _require_bool(self.there, f"there of {' or '.join(self.labels)}")
+        _positive(self, "std", f"std of {self}", least=_LEAST_METRES)
         _require_doubt(self.doubt, str(self))
 
     def __str__(self) -> str:
@@ -233,7 +241,7 @@ class Room:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "walls", _polygon(self.walls, "the walls of the room"))
-        _require_positive(self.std, "std of the walls")
+        _positive(self, "std", "std of the walls", least=_LEAST_METRES)
         _require_doubt(self.doubt, "the room")
 
 
@@ -275,7 +283,7 @@ class JointAt:
         for name in ("frame", "person"):
             object.__setattr__(self, name, _whole(getattr(self, name), name))
         object.__setattr__(self, "point", _numbers(self.point, 3, f"the point of {self.joint}"))
-        _require_positive(self.std, f"std of the point of {self.joint}")
+        _positive(self, "std", f"std of the point of {self.joint}", least=_LEAST_METRES)
 
 
 @dataclass(frozen=True)
@@ -323,8 +331,9 @@ class DepthOf:
             raise InputError(f"depths of {self.joint}: say each frame once, and at least one")
         if not min(depths) > NEAREST:
             raise InputError(f"depths of {self.joint}: {min(depths):g} m is behind the camera")
-        _require_positive(self.error, f"error of the depths of {self.joint}")
-        if not 0 <= self.scale_error < math.inf:
+        _positive(self, "error", f"error of the depths of {self.joint}", least=_LEAST_SHARE)
+        object.__setattr__(self, "scale_error", _number(self.scale_error, "scale_error"))
+        if not self.scale_error >= 0:
             raise InputError(f"scale_error = {self.scale_error!r} must be a share, 0 or more")
 
 
@@ -370,6 +379,7 @@ class Contact:
                 f"contact with {' or '.join(self.labels)}: its last frame {self.last} is before "
                 f"its first, {self.first}"
             )
+        _require_bool(self.sits, f"sits of the contact with {' or '.join(self.labels)}")
         _require_doubt(self.doubt, f"contact with {' or '.join(self.labels)}")
 
 
@@ -419,6 +429,7 @@ class SameObject:
         for first, last in spans:
             if last < first:
                 raise InputError(f"{self}: the last frame {last} is before the first, {first}")
+        _require_bool(self.sits, f"sits of what {self}")
         _require_doubt(self.doubt, str(self))
 
     def __str__(self) -> str:
@@ -487,11 +498,15 @@ class Seen:
         Standard deviation of each edge, px.
     person : int
         Track, from 1, of the person who may occlude furniture.
+    named : mapping of str to float, optional
+        For each label of the library, the probability that the detector names such a piece by one
+        of the labels that are listened to; 0 for labels that are left out. All 1 if not given.
 
     Raises
     ------
     InputError
-        Boxes and labels differ in number, or a number is invalid.
+        Boxes and labels differ in number, a box is more probably named by one label than by all, or
+        a number is invalid.
 
     Examples
     --------
@@ -507,6 +522,7 @@ class Seen:
     clutter: float = 0.5
     std: float = 20.0
     person: int = 1
+    named: dict[str, float] | None = field(default=None, hash=False)
 
     def __post_init__(self) -> None:
         for name in ("frame", "person"):
@@ -519,13 +535,18 @@ class Seen:
         for box in boxes:
             if not (box[0] < box[2] and box[1] < box[3]):
                 raise InputError(f"the box {box} must be left, top, right, bottom in pixels")
-        for row in self.confusion:
+        named = None if self.named is None else dict(self.named)
+        object.__setattr__(self, "named", named)
+        for row in (*self.confusion, named or {}):
             if not all(0 <= share <= 1 for share in row.values()):
                 raise InputError(f"confusion {row} must be of probabilities")
+        if named is not None:
+            _require_named(self.confusion, named)
+        _positive(self, "clutter", "clutter")
+        _positive(self, "std", "std of the boxes in the picture", least=_LEAST_PIXELS)
+        object.__setattr__(self, "rate", _number(self.rate, "rate"))
         if not 0 < self.rate < 1:
             raise InputError(f"rate = {self.rate!r} must be between 0 and 1")
-        _require_positive(self.clutter, "clutter")
-        _require_positive(self.std, "std of the boxes in the picture")
 
 
 Statement = (
@@ -666,19 +687,39 @@ def _is_rectangular(points: Any) -> bool:
     return True
 
 
-def _require_finite(value: float, what: str) -> None:
-    if not isinstance(value, int | float) or not math.isfinite(value):
+def _number(value: Any, what: str) -> float:
+    right = isinstance(value, Real) and not isinstance(value, bool)
+    if not right or not math.isfinite(value):
         raise InputError(f"{what} must be a finite number, not {value!r:.60}")
+    return float(value)
 
 
-def _require_positive(value: float, what: str) -> None:
-    _require_finite(value, what)
+def _positive(statement: Any, name: str, what: str, *, least: float = 0.0) -> None:
+    """Convert a field to a float; it must be greater than 0, and not less than ``least``."""
+    value = _number(getattr(statement, name), what)
     if not value > 0:
         raise InputError(f"{what} must be positive, not {value!r:.60}")
+    if value < least:
+        raise InputError(f"{what} must be {least:g} or more, not {value:g}")
+    object.__setattr__(statement, name, value)
+
+
+def _require_bool(value: Any, what: str) -> None:
+    if not isinstance(value, bool | np.bool_):
+        raise InputError(f"{what} must be True or False, not {value!r:.60}")
+
+
+def _require_named(rows: Sequence[dict[str, float]], named: dict[str, float]) -> None:
+    for label, share in ((label, share) for row in rows for label, share in row.items()):
+        if share > named.get(label, 0.0):
+            raise InputError(
+                f"a box is a {label} with probability {share:g}, but all labels together name one "
+                f"with {named.get(label, 0.0):g}"
+            )
 
 
 def _require_doubt(doubt: float, what: str) -> None:
-    if not isinstance(doubt, int | float) or not 1e-12 <= doubt < 1:
+    if not 1e-12 <= _number(doubt, f"{what}: doubt") < 1:
         raise InputError(f"{what}: doubt = {doubt!r:.60} must be a probability, 1e-12 or more")
 
 

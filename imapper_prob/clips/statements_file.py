@@ -1,7 +1,7 @@
 """Read statements about a scene from TOML and from other programs' files that it names.
 
-Boxes of objects are read from files in COCO's results format, depths from CSV or ``.npz``. Repeated
-statements and unknown keys are refused; messages name the table.
+Boxes of objects are read from files in COCO's results format, depths from CSV or ``.npz``. Unknown
+keys are refused; messages name the table.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import json
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -251,15 +251,33 @@ def _seen(entry: dict[str, Any], folder: Path) -> Statement:
             "labels must be a table: of each label of the detector, by name or number, the "
             "library's label, or a table of these with the probability that it is called so"
         )
+    rows = {
+        str(category): {row: 1.0} if isinstance(row, str) else dict(row)
+        for category, row in names.items()
+    }
     found, confusion = [], []
-    for box, score, label in _results(path, image):
-        if score >= entry.get("score", _LOWEST_SCORE) and label in names:
+    for box, score, label in _results(path, _name(image), rows):
+        if score >= entry.get("score", _LOWEST_SCORE) and label in rows:
             left, top, width, height = box
             found.append((left, top, left + width, top + height))
-            named = names[label]
-            confusion.append({named: 1.0} if isinstance(named, str) else dict(named))
+            confusion.append(rows[label])
     more = _without(entry, "file", "labels", "image", "score")
-    return Seen(boxes=tuple(found), confusion=tuple(confusion), **more)
+    return Seen(boxes=tuple(found), confusion=tuple(confusion), named=_named(rows), **more)
+
+
+def _named(rows: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    """Probability that a piece of each label of the library is called by one of the categories."""
+    named: dict[str, float] = {}
+    for row in rows.values():
+        for label, share in row.items():
+            named[label] = named.get(label, 0.0) + share
+    for label, share in named.items():
+        if share > 1 + 1e-9:
+            raise InputError(
+                f"labels: a {label} is called by one of them with probability {share:g}; give each "
+                "category a table of probabilities that add up to 1 or less for each label"
+            )
+    return {label: min(share, 1.0) for label, share in named.items()}
 
 
 def _is_confusion(value: Any) -> bool:
@@ -268,8 +286,14 @@ def _is_confusion(value: Any) -> bool:
     return isinstance(value, str)
 
 
-def _results(path: Path, image: Any) -> Iterator[tuple[list[float], float, str]]:
-    """Box (left, top, width, height), score and label of each result for one image."""
+def _results(
+    path: Path, image: str, categories: Collection[str]
+) -> list[tuple[list[float], float, str]]:
+    """Box (left, top, width, height), score and label of each result for one image.
+
+    A file without this image, or without any of the categories, says nothing about what is in the
+    image: its images and categories have other names.
+    """
     try:
         results = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -278,14 +302,17 @@ def _results(path: Path, image: Any) -> Iterator[tuple[list[float], float, str]]
         raise InputError(f"{path}: not a JSON file ({error})") from error
     if not isinstance(results, list):
         raise InputError(f"{path}: must be a list of results, as COCO's format has it")
+    found, images, labels = [], set(), set()
     for number, result in enumerate(results):
         try:
-            if result["image_id"] != image:
+            images.add(_name(result["image_id"]))
+            labels.add(_name(result["category_id"]))
+            if _name(result["image_id"]) != image:
                 continue
             there = "bbox" in result or "segmentation" not in result
             box = result["bbox"] if there else _box_of_mask(result["segmentation"])
             box = [float(x) for x in box]
-            label, score = str(result["category_id"]), float(result["score"])
+            label, score = _name(result["category_id"]), float(result["score"])
         except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
             raise InputError(
                 f"{path}: result {number} must have image_id, category_id, score, and bbox or "
@@ -293,7 +320,29 @@ def _results(path: Path, image: Any) -> Iterator[tuple[list[float], float, str]]
             ) from error
         if len(box) != 4 or not np.isfinite([*box, score]).all() or min(box[2:]) <= 0:
             raise InputError(f"{path}: result {number}: bbox must be left, top, width, height")
-        yield box, score, label
+        found.append((box, score, label))
+    if image not in images:
+        raise InputError(
+            f"{path}: has no result for image {image}, but for {_some(images)}; name the frame's "
+            "own with image = "
+        )
+    if labels.isdisjoint(categories):
+        raise InputError(
+            f"{path}: has no category of labels ({', '.join(sorted(categories))}), but "
+            f"{_some(labels)}"
+        )
+    return found
+
+
+def _name(value: Any) -> str:
+    """An identifier as text; the same for 62, 62.0 and "62"."""
+    whole = isinstance(value, float) and value.is_integer()
+    return str(int(value) if whole else value)
+
+
+def _some(names: Collection[str]) -> str:
+    first = ", ".join(f"{name:.40}" for name in sorted(names)[:5])
+    return f"{first} and others" if len(names) > 5 else first or "none"
 
 
 def _box_of_mask(mask: Any) -> list[float]:

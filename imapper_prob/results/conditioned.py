@@ -99,13 +99,16 @@ def conditioned(
         )
         seconds = {**posterior.seconds, "being told": time.perf_counter() - begun}
         # Statements that none of the draws agreed with, none of the chosen ones agrees with.
-        said = Told(everything, evidence, before.denied)
+        said = Told(everything, evidence, before.denied, before.steps)
         return Posterior(told, chosen, posterior.config, seconds=seconds, told=said)
     solved = _solved(posterior, known, progress)
     if isinstance(source, StoredSource):
         samples = replace(samples, states=_renumbered(samples.states, source.library, known))
     problem = tell(solved.problem, everything, clip, labels)
-    settings = _shorter(posterior.config.sample, steps)
+    whole = before.steps or posterior.config.sample.steps
+    settings = _shorter(
+        posterior.config.sample, max(_LEAST, whole // _PART) if steps is None else steps
+    )
     fresh = np.r_[np.zeros(len(earlier)), np.ones(len(statements))]
     drawn, evidence = continued(
         solved, samples, problem, fresh, found, settings,
@@ -117,7 +120,7 @@ def conditioned(
         drawn,
         replace(posterior.config, sample=settings),
         seconds={**posterior.seconds, "being told": time.perf_counter() - begun},
-        told=Told(everything, evidence, nowhere),
+        told=Told(everything, evidence, nowhere, whole),
     )
 
 
@@ -164,7 +167,6 @@ def _renumbered(states: Sequence[State], part: Library, whole: Library) -> tuple
     )
 
 
-def _shorter(settings: SampleSettings, steps: int | None) -> SampleSettings:
-    steps = max(_LEAST, settings.steps // _PART) if steps is None else steps
+def _shorter(settings: SampleSettings, steps: int) -> SampleSettings:
     asked = replace(settings, steps=steps, burn_in=_BURN_IN, last_step=0, draws=1)
     return replace(asked, draws=min(settings.draws, asked.most_draws))

@@ -107,11 +107,14 @@ class Told:
         Evidence of the last statements; None if chains had them from the start.
     denied : tuple of str
         Statements that no draw agrees with, and how improbable; they count as answers by chance.
+    steps : int, optional
+        Steps of the chains that continued chains began from; None if none were continued.
     """
 
     statements: tuple[Statement, ...]
     evidence: Evidence | None = None
     denied: tuple[str, ...] = ()
+    steps: int | None = None
 
     @property
     def text(self) -> str:

@@ -94,7 +94,8 @@ def as_told(
             pieces.measure(rng, said, problem.given[s], shares[0])
         else:
             joints = motion(problem, state)[problem.given_kinds[s, 5]]
-            pieces.see(rng, said, problem.given[s], shares, _outline_of(joints, camera))
+            boxes = problem.given_rows[slice(*problem.given_kinds[s, 2:4])]
+            pieces.see(rng, said, problem.given[s], boxes, shares, _outline_of(joints, camera))
     return pieces.standing(rng, placed, drawn, names)
 
 
@@ -205,10 +206,11 @@ class _Pieces:
         rng: np.random.Generator,
         said: Seen,
         numbers: Array,
+        boxes: Array,
         shares: Array,
         person: Array,
     ) -> None:
-        """Condition the objects that a detector's boxes belong to.
+        """Condition the objects that a detector's ``boxes`` (boxes, 4) belong to.
 
         ``shares`` (boxes, k, 1 + C) are the probabilities of each case of the objects, times those
         of the box's label.
@@ -223,7 +225,7 @@ class _Pieces:
             find_outline(lens, self._camera, box, turn, edges[k, case], slopes[k, case])
         outlines = np.ascontiguousarray(edges[:, 0])
         rates = [-math.log1p(-said.rate * shown(outlines, k, person)) for k in range(len(outlines))]
-        for box, own in zip(np.array(said.boxes), shares, strict=True):
+        for box, own in zip(boxes, shares, strict=True):
             ours = np.argwhere(own).tolist()
             logs = [
                 _log(rates[k] * own[k, case])

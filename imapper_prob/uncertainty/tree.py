@@ -155,6 +155,8 @@ GIVEN: Final = "given"
 """Attribute with the statements that the run was given."""
 DENIED: Final = "given_denied"
 """Attribute with those of them that no draw agrees with."""
+STEPS: Final = "given_steps"
+"""Attribute with the steps of the chains that continued chains began from."""
 EVIDENCE: Final = "given_evidence"
 """Attribute with the evidence of the statements."""
 FORMAT: Final = "imapper-prob posterior 7"
@@ -258,6 +260,8 @@ def _given(told: Told | None) -> dict[str, str]:
     if told is None:
         return {}
     said = {GIVEN: statements_to_json(told.statements), DENIED: json.dumps(told.denied)}
+    if told.steps is not None:
+        said[STEPS] = json.dumps(told.steps)
     if told.evidence is not None:
         said[EVIDENCE] = json.dumps(asdict(told.evidence))
     return said
@@ -292,7 +296,8 @@ def told_of(attributes: Mapping[Any, Any]) -> Told | None:
             str(said["method"]),
         )
     denied = tuple(map(str, json.loads(str(attributes[DENIED]))))
-    return Told(statements_from_json(str(attributes[GIVEN])), evidence, denied)
+    steps = int(json.loads(str(attributes[STEPS]))) if STEPS in attributes else None
+    return Told(statements_from_json(str(attributes[GIVEN])), evidence, denied, steps)
 
 
 def arviz_tree(tree: xr.DataTree, furniture: xr.Dataset) -> xr.DataTree:

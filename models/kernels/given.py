@@ -511,7 +511,8 @@ def _pictured(
 
     Numbers: detection rate of an object in full view, expected number of false boxes, log density
     of a false box, std (px), image width and height (px). Rows are boxes; the shares of a box are
-    the probabilities of the detected label.
+    the probabilities of the detected label. The row of labels after those of the boxes has the
+    probabilities of any label that the detector is listened to.
     """
     numbers, kinds = problem.given[s], problem.given_kinds[s]
     count, person = len(pieces), np.empty(5)
@@ -526,7 +527,7 @@ def _pictured(
     for k in range(count):
         # Poisson rate at which "no box" is as probable as a miss of the detector.
         rates[k] = -math.log1p(-numbers[0] * shown(outlines, k, person))
-        total -= rates[k]
+        total -= rates[k] * shares[kinds[1] + kinds[3] - kinds[2], k].sum()
     for d in range(kinds[3] - kinds[2]):
         density = numbers[1] * math.exp(numbers[2])
         for k in range(count):
@@ -545,9 +546,11 @@ def _pictured(
 
 @inner
 def _number(problem: Problem, camera: Array, s: int) -> float:
-    """Term of `Measured`: camera or stature; numbers: value and std, radians, metres or pixels.
+    """Term of `Measured`: camera or stature.
 
-    Quantities in order: pitch, elevation, focal length, stature.
+    Numbers: value and std in radians, metres or pixels, and the log of the stated unit in these
+    (degrees for angles), so that the density is per stated unit. Quantities in order: pitch,
+    elevation, focal length, stature.
     """
     which, numbers = problem.given_kinds[s, 4], problem.given[s]
     value = camera[0]
@@ -557,7 +560,7 @@ def _number(problem: Problem, camera: Array, s: int) -> float:
         value = problem.fx * math.exp(camera[2])
     elif which == 3:
         value = REFERENCE_STATURE * math.exp(camera[3])
-    return log_normal(numbers[0] - value, numbers[1] ** 2)
+    return float(log_normal(numbers[0] - value, numbers[1] ** 2) + numbers[2])
 
 
 @inner

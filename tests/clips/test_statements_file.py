@@ -71,7 +71,7 @@ before = ["table", "chair"]
 file = "boxes.json"
 frame = 3
 image = 17
-labels = { 62 = "chair", 63 = { couch = 0.9, chair = 0.2 } }
+labels = { 62 = { chair = 0.8 }, 63 = { couch = 0.9, chair = 0.2 } }
 """
 
 
@@ -106,7 +106,12 @@ def test_a_file_says_what_the_classes_say(tmp_path: Path) -> None:
         im.Contact("couch", 3, 9),
         im.SameObject("couch", ((1, 3), (7, 9)), sits=False),
         im.Behind("couch", ("table", "chair")),
-        im.Seen(3, ((10, 20, 110, 70),), ({"couch": 0.9, "chair": 0.2},)),
+        im.Seen(
+            3,
+            ((10, 20, 110, 70),),
+            ({"couch": 0.9, "chair": 0.2},),
+            named={"couch": 0.9, "chair": 1.0},
+        ),
     )
 
 
@@ -163,7 +168,8 @@ def test_masks_stand_for_their_boxes(tmp_path: Path) -> None:
     mask = {"size": [50, 60], "counts": runs_of(mask_of((10, 20, 25, 45), 50, 60))}
     result = {"image_id": 3, "category_id": 62, "score": 0.9, "segmentation": mask}
     (tmp_path / "masks.json").write_text(json.dumps([result]))
-    assert im.read_statements(path) == (im.Seen(3, ((10, 20, 25, 45),), ({"chair": 1.0},)),)
+    (said,) = im.read_statements(path)
+    assert said == im.Seen(3, ((10, 20, 25, 45),), ({"chair": 1.0},), named={"chair": 1.0})
 
 
 @pytest.mark.parametrize(
@@ -231,6 +237,19 @@ def test_depths_are_read_from_arrays_too(tmp_path: Path) -> None:
         ('[[detections]]\nfile = "no.json"\nframe = 1\nlabels = {}', "no.json: cannot be read"),
         ('[[detections]]\nfile = "depth.csv"\nframe = 1\nlabels = {}', "not a JSON file"),
         ('[[detections]]\nfile = "boxes.json"\nframe = 1\nlabels = 3', "labels must be a table"),
+        (
+            '[[detections]]\nfile = "boxes.json"\nframe = 1\nlabels = { 62 = "chair" }',
+            r"boxes\.json: has no result for image 1, but for 17, 18; name",
+        ),
+        (
+            '[[detections]]\nfile = "boxes.json"\nframe = 17\nlabels = { 56 = "chair" }',
+            r"boxes\.json: has no category of labels \(56\), but 1, 62, 63",
+        ),
+        (
+            '[[detections]]\nfile = "boxes.json"\nframe = 17\n'
+            'labels = { 62 = "chair", 63 = "chair" }',
+            "detections 1: labels: a chair is called by one of them with probability 2",
+        ),
     ],
 )
 def test_what_a_file_cannot_say_is_refused_by_its_table(
@@ -238,6 +257,21 @@ def test_what_a_file_cannot_say_is_refused_by_its_table(
 ) -> None:
     with pytest.raises(im.InputError, match=words):
         im.read_statements(written(tmp_path, text))
+
+
+@pytest.mark.parametrize(("image", "category"), [("17", 62.0), (17.0, "62"), (17, 62)])
+def test_images_and_categories_are_known_by_number_or_text(
+    image: object, category: object, tmp_path: Path
+) -> None:
+    path = written(
+        tmp_path,
+        '[[detections]]\nfile = "boxes.json"\nframe = 17\nlabels = { 62 = "chair" }',
+    )
+    result = {"image_id": image, "category_id": category, "bbox": [1, 2, 3, 4], "score": 1}
+    (tmp_path / "boxes.json").write_text(json.dumps([result]))
+    (said,) = im.read_statements(path)
+    assert isinstance(said, im.Seen)
+    assert said.boxes == ((1, 2, 4, 6),)
 
 
 def test_results_that_are_none_are_refused_by_number(tmp_path: Path) -> None:

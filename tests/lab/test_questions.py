@@ -10,7 +10,7 @@ import pytest
 import imapper_prob as im
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.uncertainty.questions import Question
-from lab.questions import Settled, answer_of, draw, entropy_after, main, page
+from lab.questions import Settled, answer_of, draw, fall, main, page
 
 
 def asked(about: im.Presence | im.Measured | im.DepthOf | im.JointAt) -> Question:
@@ -36,10 +36,14 @@ def test_the_truth_answers(rng: np.random.Generator) -> None:
     assert depth == pytest.approx(truth.camera.to_camera(truth.joints[20, PELV])[1], rel=0.01)
 
 
-def test_entropy_is_that_of_weighted_layouts() -> None:
-    layouts = np.array([0, 0, 1, 2])
-    assert entropy_after(layouts, np.zeros(4)) == pytest.approx(1.5)
-    assert entropy_after(layouts, np.array([0.0, 0.0, np.log(2), -np.inf])) == pytest.approx(1.0)
+def test_the_entropy_falls_by_what_weights_tell_of_layouts(rng: np.random.Generator) -> None:
+    layouts = rng.choice(20, (2, 400))
+    told = np.where(layouts < 10, 0.0, -np.inf).ravel()
+    assert fall(layouts, told, rng) == pytest.approx(1.0, abs=0.15)
+    # Few effective draws that have nothing to do with the layouts tell nothing of them.
+    falls = [fall(layouts, 3.0 * rng.standard_normal(800), rng) for _ in range(40)]
+    assert abs(np.mean(falls)) < 4 * np.std(falls) / np.sqrt(40)
+    assert np.std(falls) < 1.0
 
 
 def test_the_page_says_by_how_much_entropies_fell(rng: np.random.Generator, tmp_path: Path) -> None:

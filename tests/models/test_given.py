@@ -236,8 +236,7 @@ def test_furniture_and_person_are_inside_the_walls() -> None:
     ],
 )
 def test_camera_and_body_are_measured(quantity, value, std, there) -> None:
-    unit = math.log(180 / math.pi) if quantity == "pitch" else 0.0
-    expected = norm.logpdf(value, there(state().camera), std) + unit
+    expected = norm.logpdf(value, there(state().camera), std)
     assert given(im.Measured(quantity, value, std)) == pytest.approx(expected)
 
 
@@ -331,9 +330,12 @@ def test_nothing_is_behind_what_is_not_there() -> None:
     assert given(same, empty_state(problem())) == pytest.approx(math.log(0.01))
 
 
-def test_what_is_seen_is_a_poisson_process_of_boxes() -> None:
+@pytest.mark.parametrize("named", [None, {"couch": 0.9, "chair": 0.6}, {"chair": 1.0}])
+def test_what_is_seen_is_a_poisson_process_of_boxes(named: dict[str, float] | None) -> None:
     near = edges(pieces(state())[0], state()) + 12.0
-    said = im.Seen(16, (tuple(near), BOX), ({"couch": 0.8, "chair": 0.3}, {"chair": 0.5}), std=30.0)
+    known = ({"couch": 0.8, "chair": 0.3}, {"chair": 0.5})
+    heard = tuple({k: p for k, p in row.items() if named is None or k in named} for row in known)
+    said = im.Seen(16, (tuple(near), BOX), heard, std=30.0, named=named)
     camera = camera_at(clip().camera, state().camera)
     joints = motion(problem(0.0), state())[16]
     pixels = camera.project(joints)
@@ -349,8 +351,15 @@ def test_what_is_seen_is_a_poisson_process_of_boxes() -> None:
         rates.append(-math.log(1 - 0.9 * free / 16))
     assert min(rates) < max(rates)  # something is in the way
     anywhere = (2 / (1920 * 1080)) ** 2 / 80
-    expected = -0.5 - sum(rates)
-    for box, confusion in zip(said.boxes, said.confusion, strict=True):
+    everything = dict.fromkeys(("couch", "chair"), 1.0) if named is None else named
+    for k, piece in enumerate(pieces(state())):
+        rates[k] = (rates[k], sum(own for own, _ in cases(piece, everything)))
+    expected = -0.5 - sum(rate * heeded for rate, heeded in rates)
+    rates = [rate for rate, _ in rates]
+    # The lower edge of the first box is below the picture, where pieces are cut off.
+    assert said.boxes[0][3] > 1080
+    for whole, confusion in zip(said.boxes, said.confusion, strict=True):
+        box = np.clip(whole, 0, (1920, 1080) * 2)
         density = 0.5 * anywhere
         for piece, rate in zip(pieces(state()), rates, strict=True):
             for own, o in cases(piece, confusion):
@@ -611,11 +620,40 @@ def test_statements_add_up_and_have_a_power() -> None:
             "contradict each other",
         ),
         ([im.Room(REGION), im.ObjectAt("couch", place=(5.0, 3.0))], "contradict each other"),
+        ([im.Room([(9, 1), (11, 1), (11, 3)]), im.Room(REGION)], "contradict each other"),
+        ([im.Room(REGION), im.JointAt("PELV", 3, (9.0, 3.0, 0.9), 0.1)], "contradict each other"),
+        (
+            [im.DepthOf((3, 4), (3.0, 3.1), 0.02), im.DepthOf((4,), (6.0,), 0.02)],
+            "contradict each other",
+        ),
+        ([im.Room([(-1, -3), (1, -3), (0, -1)])], "behind the camera"),
+        ([im.Presence("couch", region=[(-1, -3), (1, -3), (0, -1)])], "behind the camera"),
+        ([im.Presence("couch"), im.Presence("couch")], "is given twice"),
+        ([im.Seen(1, (), (), named={"piano": 1.0})], "no 'piano'"),
     ],
 )
 def test_what_no_scene_can_be_is_refused(statements: list[Statement], words: str) -> None:
     with pytest.raises(im.InputError, match=words):
         check_statements(statements, clip(), labels_of(LIBRARY))
+
+
+def test_a_stature_is_of_one_person() -> None:
+    (track,) = clip().tracks
+    two = replace(clip(), tracks=(track, replace(track, name="another")))
+    said = [im.Measured("stature", 1.8, 0.02)]
+    check_statements(said, clip(), labels_of(LIBRARY))
+    with pytest.raises(im.InputError, match="has 2 people"):
+        check_statements(said, two, labels_of(LIBRARY))
+
+
+@pytest.mark.parametrize("number", [np.float32, np.float64, np.int64])
+def test_numbers_may_be_those_of_numpy(number) -> None:
+    said = [
+        im.Measured("height", number(2), number(1)),
+        im.ObjectAt("couch", place=(number(0), number(3)), place_std=number(1)),
+        im.DepthOf((1,), (number(2),), number(1), scale_error=number(0)),
+    ]
+    assert list(from_json(to_json(said))) == said
 
 
 def test_frames_may_be_numbers_of_numpy() -> None:
@@ -655,6 +693,15 @@ def test_frames_may_be_numbers_of_numpy() -> None:
         (lambda: im.SameObject("couch", [(1, 2), (4, 5)], people=[1]), "a person for each"),
         (lambda: im.SameObject("couch", [(1, 2), (5, 4)]), "frame 4 is before the first, 5"),
         (lambda: im.Behind("couch", ()), "must be a label"),
+        (lambda: im.Measured("height", True, 0.1), "must be a finite number, not True"),
+        (lambda: im.Presence("couch", there="no"), "must be True or False, not 'no'"),
+        (lambda: im.Contact("couch", 1, 2, "touches"), "must be True or False, not 'touches'"),
+        (lambda: im.SameObject("couch", [(1, 2), (4, 5)], 1), "must be True or False, not 1"),
+        (lambda: im.ObjectAt("couch", place=(0, 3), place_std=1e-9), "must be 0.0001 or more"),
+        (
+            lambda: im.Seen(0, ((0, 0, 1, 1),), ({"couch": 0.5},), named={"couch": 0.4}),
+            "a couch with probability 0.5, but all labels together name one with 0.4",
+        ),
     ],
 )
 def test_what_is_no_statement_is_refused(make, words: str) -> None:

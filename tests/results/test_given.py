@@ -12,10 +12,10 @@ import pytest
 
 import imapper_prob as im
 from imapper_prob.models.skeleton import REFERENCE_STATURE
-from imapper_prob.results.changes import _objects, change_table, changes
+from imapper_prob.results.changes import _objects, change_table, changes, write_changes
 from imapper_prob.results.conditioned import _renumbered
 from imapper_prob.results.folders import write_run
-from imapper_prob.sampling.conditioning import denied
+from imapper_prob.sampling.conditioning import Evidence, Told, denied
 from imapper_prob.uncertainty.clusters import ObjectCluster, object_clusters
 from imapper_prob.uncertainty.stored import categories_of
 from tests.runs import small_posterior
@@ -61,6 +61,7 @@ def test_chains_go_on_where_hardly_a_draw_agrees() -> None:
     heights = [state.camera[1] for state in after.samples.states]
     assert np.mean(heights) > np.mean(before) + 0.3 * (said.value - np.mean(before))
     assert after.config.sample.steps == 40
+    assert after.told.steps == small_posterior().config.sample.steps
     rows = {row.what: row for row in changes(small_posterior(), after)}
     assert rows["camera height"].after == pytest.approx(np.mean(heights))
     assert rows["camera height"].before == pytest.approx(np.mean(before))
@@ -144,6 +145,28 @@ def test_chains_of_an_opened_run_go_on_with_its_scenelets(tmp_path: Path) -> Non
     assert after.told is not None
     assert after.told.evidence is not None
     assert after.told.evidence.method == "resampled"
+
+
+def test_chains_go_on_with_a_fourth_of_the_first_runs_steps() -> None:
+    """Also where chains were continued before, with fewer steps."""
+    assert higher().told is not None
+    longer = replace(higher(), told=replace(higher().told, steps=200))
+    again = longer.given([im.Measured("pitch", 30.0, 0.5)])
+    assert again.told is not None
+    assert again.config.sample.steps == 50
+    assert again.told.steps == 200
+
+
+def test_evidence_of_unknown_error_is_written(tmp_path: Path) -> None:
+    evidence = Evidence(-40.0, np.nan, 0.0, 20, "resampled")
+    write_changes(tmp_path / "changes.json", (), Told((MILD,), evidence))
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    text = (tmp_path / "changes.json").read_text(encoding="utf-8")
+    document = json.loads(text, parse_constant=refuse)
+    assert document["evidence"]["error"] is None
 
 
 def test_what_was_given_is_saved_and_added_to(tmp_path: Path) -> None:
