@@ -324,14 +324,14 @@ class ResumableTask(Protocol[P_contra, X_contra, R_co]):
         start: X_contra,
         rng: np.random.Generator,
         report: Report,
-        keeper: Checkpointer,
+        checkpointer: Checkpointer,
         /,
     ) -> R_co:
-        """Continue from ``keeper.load()``; if that is None, begin at ``start`` with ``rng``.
+        """Continue from ``checkpointer.load()``; if that is None, begin at ``start`` with ``rng``.
 
         A snapshot holds all that later draws depend on, including the generator, and the draws so
-        far. The task calls ``keeper.offer`` between steps, and ``keeper.save`` when it ends or was
-        asked to stop. A task whose checkpoint is complete returns at once.
+        far. The task calls ``checkpointer.offer`` between steps, and ``checkpointer.save`` when it
+        ends or was asked to stop. A task whose checkpoint is complete returns at once.
         """
 
 
@@ -347,8 +347,10 @@ class _WithKeeper(Generic[P, X, R]):
         self, problem: P, start: tuple[Path, X], rng: np.random.Generator, report: Report, /
     ) -> R:
         # Made in the process that runs the chain, because its clock is that process's.
-        keeper = Checkpointer(start[0], identity=self.identity, every_seconds=self.every_seconds)
-        return self.task(problem, start[1], rng, report, keeper)
+        checkpointer = Checkpointer(
+            start[0], identity=self.identity, every_seconds=self.every_seconds
+        )
+        return self.task(problem, start[1], rng, report, checkpointer)
 
 
 def run_resumable_chains(
@@ -371,7 +373,7 @@ def run_resumable_chains(
     Parameters
     ----------
     task : callable
-        ``task(problem, start, rng, report, keeper) -> result``, see `ResumableTask`.
+        ``task(problem, start, rng, report, checkpointer) -> result``, see `ResumableTask`.
     problem, starts, seed
         See `imapper_prob.samplers.chains.run_chains`. To resume, pass the same values.
     folder : Path

@@ -46,7 +46,7 @@ __all__ = [
 # Starts of chains at each temperature.
 
 
-def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
+def starts_of(source: JointProblem, count: int) -> list[tuple[State, ...]]:
     """Starting states of every chain by temperature, from the posterior (coldest) to the hottest.
 
     The coldest ones differ deliberately: the best scene, the empty scene, and the alternatives,
@@ -55,7 +55,7 @@ def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
 
     Parameters
     ----------
-    cast : JointProblem
+    source : JointProblem
     count : int
         Number of chains.
 
@@ -63,10 +63,10 @@ def starts_of(cast: JointProblem, count: int) -> list[tuple[State, ...]]:
     -------
     list of tuple of State
     """
-    others = list(cast.states[:0:-1]) or [cast.states[0]]
-    pool = [cast.states[0], empty_state(cast.problem), *others]
+    others = list(source.states[:0:-1]) or [source.states[0]]
+    pool = [source.states[0], empty_state(source.problem), *others]
     coldest = [pool[i % len(pool)] for i in range(count)]
-    return [(own, *(s for s in cast.states if s is not own)) for own in coldest]
+    return [(own, *(s for s in source.states if s is not own)) for own in coldest]
 
 
 # ------------------------------------------------------------------------------------------------
@@ -156,7 +156,7 @@ def run_chain(
     starts: Sequence[State] | ChainProgress,
     rng: np.random.Generator,
     report: Report,
-    keeper: Checkpointer | None = None,
+    checkpointer: Checkpointer | None = None,
     *,
     end: int | None = None,
 ) -> Chain:
@@ -169,9 +169,9 @@ def run_chain(
 
     The chain records the scenes it visits, from which references and the covariance of camera moves
     are learnt, after burn-in ever more rarely. The ladder of temperatures adapts during burn-in and
-    is fixed afterwards. Only draws of the posterior after burn-in are kept. With a ``keeper`` the
-    chain continues from its checkpoint, if there is one, even if that chain was finished. It stops
-    after ``end`` rounds, by default those of the settings; see
+    is fixed afterwards. Only draws of the posterior after burn-in are kept. With a ``checkpointer``
+    the chain continues from its checkpoint, if there is one, even if that chain was finished. It
+    stops after ``end`` rounds, by default those of the settings; see
     :mod:`imapper_prob.sampling.schedule` for permitted values.
 
     Parameters
@@ -181,7 +181,7 @@ def run_chain(
     rng : numpy.random.Generator
     report : callable
         Called with the completed share, 0 to 1; returns whether to continue.
-    keeper : Checkpointer, optional
+    checkpointer : Checkpointer, optional
     end : int, optional
         Rounds.
 
@@ -192,7 +192,7 @@ def run_chain(
     settings = setup.settings
     end = end_of(settings) if end is None else end
     burn_in, learning = burn_in_of(settings), learning_of(settings)
-    done = None if keeper is None else _resumed(keeper, setup)
+    done = None if checkpointer is None else _resumed(checkpointer, setup)
     if done is None and isinstance(starts, ChainProgress):
         done = starts
     learnt: Tempered | None = None
@@ -223,11 +223,11 @@ def run_chain(
             if done.position.rounds <= learning.last_of_burn_in:
                 done.barrier = done.table.summary().barrier
         finished = report(done.position.rounds / end)
-        if keeper is not None:
-            keeper.offer(done.snapshot)
-    if keeper is not None and (finished or done.position.rounds):
+        if checkpointer is not None:
+            checkpointer.offer(done.snapshot)
+    if checkpointer is not None and (finished or done.position.rounds):
         # If the ascent was interrupted, its state depends on when, so it is not saved.
-        keeper.save(done.snapshot())
+        checkpointer.save(done.snapshot())
     return _result(done, finished=finished)
 
 
@@ -488,9 +488,9 @@ def _anew(position: TemperingState[State], learnt: Tempered) -> TemperingState[S
     )
 
 
-def _resumed(keeper: Checkpointer, setup: Setup) -> ChainProgress | None:
+def _resumed(checkpointer: Checkpointer, setup: Setup) -> ChainProgress | None:
     """Progress of a chain from its checkpoint; None if there is none."""
-    saved = keeper.load()
+    saved = checkpointer.load()
     if saved is None:
         return None
     try:
@@ -498,6 +498,6 @@ def _resumed(keeper: Checkpointer, setup: Setup) -> ChainProgress | None:
         done.check(setup.problem, setup.settings)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise CheckpointError(
-            f"{keeper.path} is damaged ({error}): delete it, and its chain begins anew"
+            f"{checkpointer.path} is damaged ({error}): delete it, and its chain begins anew"
         ) from error
     return done

@@ -199,9 +199,9 @@ def sample_scenes(
                 starts=starts, progress=progress, limits=limits, on_block=on_block,
             )  # fmt: skip
     chain_seed, layout_seed, ensemble_seed = seed.spawn(3)
-    cast = solution if isinstance(solution, JointProblem) else join_actors([solution])
-    setup = setup_of(cast, settings)
-    starts = starts_of(cast, settings.chains) if starts is None else starts
+    source = solution if isinstance(solution, JointProblem) else join_actors([solution])
+    setup = setup_of(source, settings)
+    starts = starts_of(source, settings.chains) if starts is None else starts
     with (
         _told_plainly(checkpoints),
         executor_of(cluster) as executor,
@@ -214,14 +214,21 @@ def sample_scenes(
             workers=processes,
             executor=executor,
             folder=None if checkpoints is None else checkpoints.resolve(),
-            identity=identity_of(cast.problem, [*starts, setup.staged], settings, chain_seed),
+            identity=identity_of(source.problem, [*starts, setup.staged], settings, chain_seed),
             anew=anew,
         )
-        drawn = _in_blocks(run, cast, settings, layout_seed, limits, progress, on_block)
+        drawn = _in_blocks(run, source, settings, layout_seed, limits, progress, on_block)
         walked = None
         if settings.ensemble_steps:
             drawn, walked = _walked(
-                drawn, cast, settings, layout_seed, ensemble_seed, processes, checkpoints, progress
+                drawn,
+                source,
+                settings,
+                layout_seed,
+                ensemble_seed,
+                processes,
+                checkpoints,
+                progress,
             )
     chains = drawn.chains
     return Samples(
@@ -341,7 +348,7 @@ class _Drawn:
 
 def _in_blocks(
     run: _ChainRun,
-    cast: JointProblem,
+    source: JointProblem,
     settings: SampleSettings,
     layout_seed: np.random.SeedSequence,
     limits: Limits,
@@ -365,7 +372,7 @@ def _in_blocks(
         finished = all(chain.finished for chain in chains)
         if finished:
             clock.end(float(np.mean(end - begun)))
-        drawn = _drawn(cast, settings, chains, layout_seed)
+        drawn = _drawn(source, settings, chains, layout_seed)
         following = block_end(settings, end)
         goes_on = finished and clock.allows(following - end, drawn.verdict)
         if on_block is not None:
@@ -411,7 +418,7 @@ def _block(
 
 
 def _drawn(
-    cast: JointProblem,
+    source: JointProblem,
     settings: SampleSettings,
     chains: Sequence[Chain],
     layout_seed: np.random.SeedSequence,
@@ -421,11 +428,11 @@ def _drawn(
     dropped = equilibrated(values)
     left = n - dropped
     states = tuple(state for chain in chains for state in chain.states[-left:])
-    return _said_by(cast, settings, chains, states, values[:, dropped:], dropped, layout_seed)
+    return _said_by(source, settings, chains, states, values[:, dropped:], dropped, layout_seed)
 
 
 def _said_by(
-    cast: JointProblem,
+    source: JointProblem,
     settings: SampleSettings,
     chains: Sequence[Chain],
     states: tuple[State, ...],
@@ -435,7 +442,7 @@ def _said_by(
     before: Measures | None = None,
 ) -> _Drawn:
     """Layouts, probabilities and verdict of draws; ``before`` are measures before ensembles."""
-    objects = tuple(merged_objects(cast.problem, cast.library, state) for state in states)
+    objects = tuple(merged_objects(source.problem, source.library, state) for state in states)
     seen = through_one_lens(objects, [state.camera[2] for state in states])
     layouts = group_layouts(seen, values.ravel(), radius=settings.layout_radius)
     with warnings.catch_warnings():
@@ -460,7 +467,7 @@ def _said_by(
 
 def _walked(
     drawn: _Drawn,
-    cast: JointProblem,
+    source: JointProblem,
     settings: SampleSettings,
     layout_seed: np.random.SeedSequence,
     seed: np.random.SeedSequence,
@@ -475,11 +482,11 @@ def _walked(
             progress("walking the draws", part)
 
     states, values, walked = walk_draws(
-        cast.problem, drawn.states, drawn.values, settings.ensemble_steps,
+        source.problem, drawn.states, drawn.values, settings.ensemble_steps,
         seed=seed, workers=workers, scratch=scratch, on_progress=report,
     )  # fmt: skip
     again = _said_by(
-        cast, settings, drawn.chains, states, values, drawn.dropped, layout_seed, drawn.measures
+        source, settings, drawn.chains, states, values, drawn.dropped, layout_seed, drawn.measures
     )  # fmt: skip
     return again, walked
 
@@ -510,9 +517,10 @@ def setup_of(solution: Solution | JointProblem, settings: SampleSettings) -> Set
     -------
     Setup
     """
-    cast = solution if isinstance(solution, JointProblem) else join_actors([solution])
+    source = solution if isinstance(solution, JointProblem) else join_actors([solution])
     return Setup(
-        cast.problem, gains_of(cast.problem), similarity(cast.distances), settings, cast.states
+        source.problem, gains_of(source.problem), similarity(source.distances), settings,
+        source.states,
     )  # fmt: skip
 
 

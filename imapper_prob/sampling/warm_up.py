@@ -116,19 +116,19 @@ def compile_kernels() -> None:
 
     The model's are compiled by the solver in the meantime.
     """
-    cast, rng, visits = small_problem(), np.random.default_rng(0), Visits()
-    visits.note(cast.states[0])
-    moves = tempered(setup_of(cast, _SHORT), visits).moves
+    source, rng, visits = small_problem(), np.random.default_rng(0), Visits()
+    visits.note(source.states[0])
+    moves = tempered(setup_of(source, _SHORT), visits).moves
     scene = draw_scene(moves.reference, rng)
     for move in range(len(MOVES)):
         propose(moves, move, rng, scene)
-    TimeCrossover(cast.problem)(rng, state_of(scene), state_of(scene))
-    sample_scenes(cast, _SHORT, seed=np.random.SeedSequence(0))
+    TimeCrossover(source.problem)(rng, state_of(scene), state_of(scene))
+    sample_scenes(source, _SHORT, seed=np.random.SeedSequence(0))
     while not len(scene.items):
         scene = draw_scene(moves.reference, rng)
     changes = iter(range(_CHANGES))
     climb(
-        cast.problem, moves, state_of(scene), rng, most=10**6,
+        source.problem, moves, state_of(scene), rng, most=10**6,
         report=lambda _=None: next(changes, None) is not None,
     )  # fmt: skip
 

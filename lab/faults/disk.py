@@ -32,7 +32,7 @@ from imapper_prob.files import require_intact
 from imapper_prob.models.errors import InputError
 from imapper_prob.results.folders import CHECKPOINTS, run_folder, write_run
 from imapper_prob.results.load import load_posterior
-from lab.robustness.runs import SEED, small_cast, small_posterior, warm_up
+from lab.robustness.runs import SEED, small_joint_problem, small_posterior, warm_up
 
 __all__ = [
     "KINDS",
@@ -241,7 +241,7 @@ def digest(folder: Path) -> dict[str, str]:
 
 def _prepared(people: int, seed: int = SEED) -> _Run:
     """A small run, with everything before its first write already done."""
-    small_cast(people)
+    small_joint_problem(people)
 
     def run(folder: Path) -> None:
         # As in ``run --overwrite``, which continues from checkpoints of its own.

@@ -62,8 +62,8 @@ __all__ = [
     "CONFIG",
     "RUN_READERS",
     "SEED",
-    "small_cast",
     "small_clip",
+    "small_joint_problem",
     "small_library",
     "small_posterior",
     "small_solution",
@@ -109,7 +109,7 @@ def small_solution() -> Solution:
 
 
 @cache
-def small_cast(people: int) -> Solution | JointProblem:
+def small_joint_problem(people: int) -> Solution | JointProblem:
     """Solution of a clip with several people."""
     if people == 1:
         return small_solution()
@@ -120,11 +120,11 @@ def small_posterior(
     *, people: int = 1, seed: int = SEED, checkpoints: Path | None = None, anew: bool = False
 ) -> Posterior:
     """Posterior of a small clip."""
-    cast = small_cast(people)
+    source = small_joint_problem(people)
     samples = sample_scenes(
-        cast, CONFIG.sample, seed=np.random.SeedSequence(seed), checkpoints=checkpoints, anew=anew
+        source, CONFIG.sample, seed=np.random.SeedSequence(seed), checkpoints=checkpoints, anew=anew
     )
-    return Posterior(cast, samples, CONFIG)
+    return Posterior(source, samples, CONFIG)
 
 
 def warm_up() -> None:
@@ -228,14 +228,14 @@ def _chain(path: Path) -> Any:
     solution, settings = small_solution(), CONFIG.sample
     setup, starts = setup_of(solution, settings), _starts()
     identity = identity_of(setup.problem, starts, settings, np.random.SeedSequence(1))
-    keeper = Checkpointer(path, identity=identity, every_seconds=0.0)
+    checkpointer = Checkpointer(path, identity=identity, every_seconds=0.0)
     stop_at = 0.5 if not path.exists() else 2.0
 
     def unfinished(part: object = None, /) -> bool:
         return not (isinstance(part, float) and part >= stop_at)
 
     try:
-        return run_chain(setup, starts[0], np.random.default_rng(1), unfinished, keeper)
+        return run_chain(setup, starts[0], np.random.default_rng(1), unfinished, checkpointer)
     except CheckpointError as error:
         raise InputError(str(error)) from error
 

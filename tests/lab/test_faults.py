@@ -37,7 +37,7 @@ def test_a_run_that_fails_without_a_fault_is_told_with_its_reason(
     def refuse(**_: object) -> None:
         raise InputError("the library is gone")
 
-    monkeypatch.setattr(disk, "small_cast", lambda _: None)
+    monkeypatch.setattr(disk, "small_joint_problem", lambda _: None)
     monkeypatch.setattr(disk, "small_posterior", refuse)
     shim: Any = NoShim()
     with pytest.raises(UndisturbedError, match="refused in a sentence: InputError"):

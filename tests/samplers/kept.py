@@ -72,9 +72,9 @@ def unpack_position(snapshot: Snapshot) -> TemperingState:
     )
 
 
-def tempered(problem, first, rng, report, keeper) -> Snapshot:
+def tempered(problem, first, rng, report, checkpointer) -> Snapshot:
     """``problem`` rounds of tempering, the first ones adapting; all is in the snapshot."""
-    saved = keeper.load()
+    saved = checkpointer.load()
     if saved is None:
         rngs = rng.spawn(len(BETAS) + 1)
         position = start([first] * len(BETAS), target=polynomials.target, betas=BETAS)
@@ -111,30 +111,30 @@ def tempered(problem, first, rng, report, keeper) -> Snapshot:
         if position.rounds > BURN_IN:
             table = table.recorded(item.swap_acceptance, position.replicas)
         time.sleep(PAUSE)
-        keeper.offer(snapshot)
+        checkpointer.offer(snapshot)
         if not report(position.rounds):
             break
-    keeper.save(snapshot())
+    checkpointer.save(snapshot())
     return snapshot()
 
 
-def dies_once(problem, first, rng, report, keeper) -> Snapshot:
+def dies_once(problem, first, rng, report, checkpointer) -> Snapshot:
     """The process of the chain that starts at 0 is killed at its first checkpoint."""
 
     def report_and_die(done: int, /) -> bool:
         if (
             not first.any()
-            and keeper.path.exists()
-            and not keeper.path.with_suffix(".died").exists()
+            and checkpointer.path.exists()
+            and not checkpointer.path.with_suffix(".died").exists()
         ):
-            keeper.path.with_suffix(".died").touch()
+            checkpointer.path.with_suffix(".died").touch()
             os.kill(os.getpid(), signal.SIGKILL)
         return report(done)
 
-    return tempered(problem, first, rng, report_and_die, keeper)
+    return tempered(problem, first, rng, report_and_die, checkpointer)
 
 
-def dies_always(problem, first, rng, report, keeper) -> None:
+def dies_always(problem, first, rng, report, checkpointer) -> None:
     if not first.any():
         os.kill(os.getpid(), signal.SIGKILL)
 

@@ -168,7 +168,7 @@ def test_states_of_any_size_are_packed_and_unpacked(items):
 def test_a_keeper_writes_when_it_is_due(tmp_path, monkeypatch):
     clock = iter((100.0, 101.0, 104.9, 105.0, 105.1, 109.9, 112.0, 112.1))
     monkeypatch.setattr(checkpoint.time, "monotonic", clock.__next__)
-    keeper = Checkpointer(tmp_path / "chain-0.npz", identity="a", every_seconds=5.0)
+    checkpointer = Checkpointer(tmp_path / "chain-0.npz", identity="a", every_seconds=5.0)
     taken = []
 
     def snapshot() -> Snapshot:
@@ -176,6 +176,6 @@ def test_a_keeper_writes_when_it_is_due(tmp_path, monkeypatch):
         return SNAPSHOT
 
     # Due at 105 and, written by 105.1, again at 110.1; each write looks at the clock once more.
-    counts = [keeper.offer(snapshot) or len(taken) for _ in range(5)]
+    counts = [checkpointer.offer(snapshot) or len(taken) for _ in range(5)]
     assert counts == [0, 0, 1, 1, 2]
-    assert_same(keeper.load(), SNAPSHOT)
+    assert_same(checkpointer.load(), SNAPSHOT)

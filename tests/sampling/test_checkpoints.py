@@ -52,12 +52,14 @@ def undisturbed(setup: Setup) -> Chain:
 
 def run(setup: Setup, path: Path | None, *, stop_at: float = 2.0) -> Chain:
     """One chain, asked to stop once a part ``stop_at`` of it is done."""
-    keeper = None if path is None else Checkpointer(path, identity="test", every_seconds=0.0)
+    checkpointer = None if path is None else Checkpointer(path, identity="test", every_seconds=0.0)
 
     def report(part: object = None, /) -> bool:
         return not (isinstance(part, float) and part >= stop_at)
 
-    return run_chain(setup, small_solution().states[:1], np.random.default_rng(5), report, keeper)
+    return run_chain(
+        setup, small_solution().states[:1], np.random.default_rng(5), report, checkpointer
+    )
 
 
 def assert_same(one: Chain, other: Chain) -> None:

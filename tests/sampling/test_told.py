@@ -54,7 +54,7 @@ CERTAIN = ((1 - DOUBT) * OF_CHAIR + DOUBT / 2) * CHAIR / EVIDENCE
 
 
 @cache
-def cast() -> JointProblem:
+def source() -> JointProblem:
     """Eight frames with room for one scenelet of six, of which nobody has seen anything."""
     settings = ModelSettings(likelihood=0.0, scenelet_rate=RATE)
     problem = worlds.problem(8, settings=settings, scenelets=LIBRARY)
@@ -65,12 +65,12 @@ def cast() -> JointProblem:
 
 
 def told(statements: list[Statement]) -> Problem:
-    return tell(cast().problem, statements, cast().clip, labels_of(LIBRARY))
+    return tell(source().problem, statements, source().clip, labels_of(LIBRARY))
 
 
 @cache
 def samples() -> Samples:
-    return sample_scenes(cast(), SETTINGS, seed=np.random.SeedSequence(5))
+    return sample_scenes(source(), SETTINGS, seed=np.random.SeedSequence(5))
 
 
 def shares(drawn: Samples) -> tuple[np.ndarray, np.ndarray]:
@@ -93,7 +93,7 @@ def test_without_statements_chains_sample_the_prior() -> None:
 def test_chains_that_are_told_sample_the_renormalised_enumeration() -> None:
     problem = told([SURE, im.Measured("height", 1.7, 0.1)])
     drawn = sample_scenes(
-        with_statements(cast(), problem), SETTINGS, seed=np.random.SeedSequence(6)
+        with_statements(source(), problem), SETTINGS, seed=np.random.SeedSequence(6)
     )
     chair, height = shares(drawn)
     assert close(chair, CERTAIN)
@@ -132,7 +132,7 @@ def test_draws_are_led_to_what_few_agree_with() -> None:
     off, errors = [], []
     for seed in (7, 8, 9):
         drawn, evidence = continued(
-            cast(), samples(), problem, np.ones(2), found, SETTINGS,
+            source(), samples(), problem, np.ones(2), found, SETTINGS,
             seed=np.random.SeedSequence(seed),
         )  # fmt: skip
         assert evidence.method == "resampled"
@@ -151,13 +151,13 @@ def test_draws_are_led_to_what_few_agree_with() -> None:
 def test_what_was_known_already_is_no_news() -> None:
     first = im.Measured("height", 1.6, 0.1)
     before = sample_scenes(
-        with_statements(cast(), told([first])), SETTINGS, seed=np.random.SeedSequence(9)
+        with_statements(source(), told([first])), SETTINGS, seed=np.random.SeedSequence(9)
     )
     second = told([first, SURE])
     alone = second._replace(given_power=np.array([0.0, 1.0]))
     found = reweigh(statement_values(alone, before.states).reshape(before.shape))
     _, evidence = continued(
-        cast(), before, second, np.array([0.0, 1.0]), found, SETTINGS,
+        source(), before, second, np.array([0.0, 1.0]), found, SETTINGS,
         seed=np.random.SeedSequence(10),
     )  # fmt: skip
     assert abs(evidence.log_ratio - math.log(EVIDENCE)) < 4 * evidence.error

@@ -55,14 +55,14 @@ def solutions() -> tuple[Solution, ...]:
 
 
 @cache
-def cast() -> JointProblem:
+def source() -> JointProblem:
     return join_actors(solutions())
 
 
 @cache
 def posterior() -> Posterior:
-    samples = sample_scenes(cast(), SHORT, seed=np.random.SeedSequence(1))
-    return Posterior(cast(), samples, Config(sample=SHORT))
+    samples = sample_scenes(source(), SHORT, seed=np.random.SeedSequence(1))
+    return Posterior(source(), samples, Config(sample=SHORT))
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_one_actor_stays_as_it_was() -> None:
 
 
 def test_frames_follow_each_other_and_the_camera_counts_once() -> None:
-    together, own = cast(), [s.problem for s in solutions()]
+    together, own = source(), [s.problem for s in solutions()]
     assert_array_equal(np.flatnonzero(together.problem.path_starts), [0, N_FRAMES])
     bare = int(np.flatnonzero(np.diff(together.problem.box_first) == 0)[0])
     mine, place = 20, np.array([0.1, 3.5, 0.4])
@@ -133,13 +133,13 @@ def test_actors_of_other_worlds_are_refused() -> None:
 
 
 def test_no_scenelet_reaches_from_one_actor_to_the_next() -> None:
-    problem = cast().problem
+    problem = source().problem
     empty, length = empty_state(problem), int(problem.lengths[0])
     for start in range(2 * N_FRAMES - length + 1):
         state = empty.with_item(0, start, np.array([0.0, 3.0, 0.0]))
         fits = start + length <= N_FRAMES or start >= N_FRAMES
         assert np.isfinite(log_posterior(problem, state)) == fits
-    for state in (*cast().states, *posterior().samples.states):
+    for state in (*source().states, *posterior().samples.states):
         first, last = state.items[:, 1], state.items[:, 1] + problem.lengths[state.items[:, 0]] - 1
         assert_array_equal(first // N_FRAMES, last // N_FRAMES)
 
@@ -165,7 +165,7 @@ def test_both_tracks_and_their_table_are_found_and_the_table_is_one() -> None:
 
 def test_furniture_of_one_hides_the_other() -> None:
     """What A sits at is in the way of B's legs, though no scenelet of B's brings anything."""
-    problem, state = cast().problem, cast().states[0]
+    problem, state = source().problem, source().states[0]
     first = np.flatnonzero(state.items[:, 1] < N_FRAMES)
     alone = State(
         state.camera, state.items[first], state.placements[first], state.sizes[first], state.latent
@@ -242,7 +242,7 @@ def test_the_report_and_the_models_show_everybody(folder: Path) -> None:
 @pytest.mark.parametrize(("label", "paid"), [("table", False), ("chair", True)])
 def test_who_sits_opposite_has_the_same_table_and_another_chair(label: str, paid: bool) -> None:
     """A table turned by half is the same table; two chairs back to front are in each other."""
-    problem, library = cast().problem, cast().library
+    problem, library = source().problem, source().library
     number = next(i for i, s in enumerate(library) if label in s.labels)
     piece = next(o for o in library[number].objects if o.label == label)
     state = empty_state(problem)
