@@ -104,6 +104,16 @@ def test_the_tree_holds_the_draws_and_survives_the_disk(tmp_path: Path) -> None:
     assert "seed = 3" in read_attributes(path)["config"]
 
 
+def test_layouts_of_draws_are_numbered_as_their_probabilities() -> None:
+    tree = posterior().data
+    drawn, layouts = tree["counts"]["layout"], tree["layouts"]
+    for number in layouts["layout"].to_numpy():
+        own = layouts.to_dataset().sel(layout=number)
+        assert float(own["probability"]) == pytest.approx(float((drawn == number).mean()))
+        chain, draw = np.unravel_index(int(own["leader"]), drawn.shape)
+        assert drawn[chain, draw] == number
+
+
 def test_a_file_that_is_no_posterior_is_refused(tmp_path: Path) -> None:
     for name, content in (("text.nc", b"not a netCDF file"), ("empty.nc", b"")):
         (tmp_path / name).write_bytes(content)
