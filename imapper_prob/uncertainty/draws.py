@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -114,6 +114,7 @@ class Draws:
             joints=limbs_of(self.solution.problem, state, camera).joints,
             layout=tuple((self.solution.library[s].name, t) for s, t in state.items.tolist()),
             log_posterior=float(self.samples.log_posterior.flat[number]),
+            people=len(self.clip.tracks),
         )
 
     def _camera(self, phi: Array) -> Camera:
@@ -308,7 +309,8 @@ class Draws:
         mean = np.mean([state.camera for state in states], axis=0)
         cameras = (self._camera(state.camera) for state in states)
         motions = zip(cameras, (limbs.joints for limbs in self._limbs()), strict=True)
-        return expected_scene(self._camera(mean), self.clusters(), self.furniture, motions)
+        found = expected_scene(self._camera(mean), self.clusters(), self.furniture, motions)
+        return replace(found, people=len(self.clip.tracks))
 
     def _motions(self) -> Iterator[Array]:
         """The motion of each draw in its world frame, one after the other."""

@@ -137,15 +137,13 @@ class WeightedScene:
         """Names of the objects, without the kinds of seats: ``seat`` for each seat."""
         return tuple(group_of(o.label) for o in self.scene.objects)
 
-    def plot(self, ax: Axes | None = None, *, people: int = 1) -> Axes:
+    def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the scene from above with its probability, and other draws of the path in grey.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
             If not given, the axes of a new figure.
-        people : int
-            Number of people whose frames the motion contains, one person after the other.
 
         Returns
         -------
@@ -159,10 +157,9 @@ class WeightedScene:
         """
         axes = axes_for(ax, size=(5.0, 4.6))
         for number, ghost in enumerate(self.ghosts):
-            draw_paths(
-                axes, ghost, people=people, label=None if number else "other draws", quiet=True
-            )
-        self.scene.plot(axes, people=people)
+            label = None if number else "other draws"
+            draw_paths(axes, ghost, people=self.scene.people, label=label, quiet=True)
+        self.scene.plot(axes)
         axes.set_title(f"p = {with_error(self.probability, self.error)}", color=INK, fontsize=11)
         return axes
 

@@ -97,8 +97,8 @@ def test_a_scene_is_drawn_where_it_stands() -> None:
 
 def test_two_people_have_two_paths() -> None:
     scene = couch_and_table()
-    both = replace(scene, joints=np.concatenate([scene.joints, scene.joints + 1.0]))
-    axes = both.plot(Figure().subplots(), people=2)
+    both = replace(scene, joints=np.concatenate([scene.joints, scene.joints + 1.0]), people=2)
+    axes = both.plot(Figure().subplots())
     assert entries(axes)[:2] == ["pelvis, person 1", "pelvis, person 2"]
     np.testing.assert_allclose(axes.lines[1].get_xydata(), scene.joints[:, PELV, :2] + 1.0)
 
