@@ -166,16 +166,22 @@ class Draws:
         ['couch', 'table']
         """
         if least not in self._clusters:
-            self._clusters[least] = object_clusters(
-                self.samples.objects,
-                self.samples.log_posterior,
-                radius=self.config.sample.layout_radius,
-                least=least,
-                standing=self.furniture,
-                seen=self.samples.seen,
-                labels=self._label_shares,
-            )
+            kept = tuple(c for c in self._every_cluster if c.presence >= least)
+            self._clusters[least] = kept
         return self._clusters[least]
+
+    @cached_property
+    def _every_cluster(self) -> tuple[ObjectCluster, ...]:
+        """Clusters of any probability."""
+        return object_clusters(
+            self.samples.objects,
+            self.samples.log_posterior,
+            radius=self.config.sample.layout_radius,
+            least=0.0,
+            standing=self.furniture,
+            seen=self.samples.seen,
+            labels=self._label_shares,
+        )
 
     @cached_property
     def _label_shares(self) -> tuple[tuple[dict[str, float], ...], ...]:
