@@ -639,6 +639,8 @@ class Scene:
         Scenelet identifiers and their start frames, in order of time.
     log_posterior : float
         Log-posterior in nats, up to a constant of the clip.
+    people : int
+        Number of people whose frames ``joints`` contains, one person after the other.
     """
 
     camera: Camera
@@ -646,6 +648,7 @@ class Scene:
     joints: Array
     layout: tuple[tuple[str, int], ...]
     log_posterior: float
+    people: int = 1
 
     __repr__ = brief
 
@@ -655,15 +658,13 @@ class Scene:
         joints = read_only(self.joints, shape=(None, N_JOINTS, 3), name="joints of the scene")
         object.__setattr__(self, "joints", joints)
 
-    def plot(self, ax: Axes | None = None, *, people: int = 1) -> Axes:
-        """Draw the scene from above: furniture by category, and the path of the pelvis.
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the scene from above: furniture by category, and the paths of all pelvises.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
             If not given, the axes of a new figure.
-        people : int
-            Number of people whose frames ``joints`` contains, one person after the other.
 
         Returns
         -------
@@ -676,7 +677,7 @@ class Scene:
         ('x, to the right [m]', 'y, away from the camera [m]')
         """
         axes = axes_for(ax, size=(5.0, 4.6))
-        draw_paths(axes, self.joints, people=people, label="pelvis")
+        draw_paths(axes, self.joints, people=self.people, label="pelvis")
         draw_furniture(axes, self.objects)
         name_axes_of_floor(axes)
         show_legend(axes, below=True)

@@ -41,7 +41,6 @@ def show_energy(folder: Path) -> None:
     """
     from imapper_prob.cli.console import console
     from imapper_prob.files import written_whole
-    from imapper_prob.people import in_a_row
     from imapper_prob.plotting import save_figure
     from imapper_prob.results.figures import energy_figure
     from imapper_prob.results.load import load_posterior
@@ -56,7 +55,7 @@ def show_energy(folder: Path) -> None:
     posterior = load_posterior(folder)
     clip, source = posterior.clip, posterior.solution
     state = posterior.samples.states[posterior.scenes(1)[0].draw]
-    explanation = explain(source.problem, state, source.library, frame_ids=in_a_row(clip))
+    explanation = explain(source.problem, state, source.library, clip=clip)
     out = console()
     for table in (term_table, scenelet_table, object_worth_table):
         out.print(table(explanation))

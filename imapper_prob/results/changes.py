@@ -23,6 +23,8 @@ __all__ = ["Change", "change_table", "changes", "write_changes"]
 
 _APART = 1.5
 """Distance in metres within which an object before and one after are the same; chosen."""
+_LEAST = 0.05
+"""Least probability of an object, on either side, that is listed; that of tables of objects."""
 _FORMAT = "imapper-prob changes 1"
 
 
@@ -68,31 +70,59 @@ def changes(before: Posterior, after: Posterior) -> tuple[Change, ...]:
     -------
     tuple of Change
     """
-    return (*_objects(before.clusters(), after.clusters()), *_numbers(before, after))
+    everything = before.clusters(least=0.0), after.clusters(least=0.0)
+    return (*_objects(*everything), *_numbers(before, after))
 
 
 def _objects(before: Sequence[ObjectCluster], after: Sequence[ObjectCluster]) -> list[Change]:
-    """Changes of objects, matched by kind and position."""
+    """Changes of objects that are likely on either side, matched by kind and position.
+
+    Likely objects are matched with each other first, and the rest of them with unlikely ones.
+    """
+    first, rare_first = _split(before)
+    second, rare_second = _split(after)
+    pairs = _paired(first, second)
+    gone = [one for one in first if not any(one is own for own, _ in pairs)]
+    new = [other for other in second if not any(other is own for _, own in pairs)]
+    pairs += _paired(gone, rare_second) + _paired(rare_first, new)
+    found = []
+    for there in second:
+        earlier = next((one for one, other in pairs if other is there), None)
+        found.append(_change(there.label, earlier, there))
+    for one in gone:
+        later = next((other for own, other in pairs if own is one), None)
+        found.append(_change(one.label, one, later))
+    return found
+
+
+def _split(
+    clusters: Sequence[ObjectCluster],
+) -> tuple[list[ObjectCluster], list[ObjectCluster]]:
+    """Likely and unlikely objects."""
+    likely = [c for c in clusters if c.presence >= _LEAST]
+    return likely, [c for c in clusters if c.presence < _LEAST]
+
+
+def _paired(
+    before: Sequence[ObjectCluster], after: Sequence[ObjectCluster]
+) -> list[tuple[ObjectCluster, ObjectCluster]]:
+    """Pairs of objects of one kind within `_APART`, with the least sum of distances."""
     far = np.array([[_distance(a, b) for b in after] for a in before])
     far = far.reshape(len(before), len(after))
     rows, columns = linear_sum_assignment(np.minimum(far, 2 * _APART))
-    partner = {int(b): int(a) for a, b in zip(rows, columns, strict=True) if far[a, b] < _APART}
-    found = []
-    for number, there in enumerate(after):
-        earlier = before[partner[number]] if number in partner else None
-        found.append(
-            Change(
-                there.label,
-                "",
-                0.0 if earlier is None else earlier.presence,
-                math.nan if earlier is None else earlier.presence_error,
-                there.presence,
-                there.presence_error,
-                math.nan if earlier is None else float(math.dist(earlier.mean, there.mean)),
-            )
-        )
-    gone = [c for number, c in enumerate(before) if number not in partner.values()]
-    return found + [Change(c.label, "", c.presence, c.presence_error, 0.0, math.nan) for c in gone]
+    return [(before[b], after[a]) for b, a in zip(rows, columns, strict=True) if far[b, a] < _APART]
+
+
+def _change(label: str, before: ObjectCluster | None, after: ObjectCluster | None) -> Change:
+    """The change of an object, which no draw has on a side where it is None."""
+    sides = [
+        (0.0, math.nan) if own is None else (own.presence, own.presence_error)
+        for own in (before, after)
+    ]
+    moved = math.nan
+    if before is not None and after is not None:
+        moved = float(math.dist(before.mean, after.mean))
+    return Change(label, "", *sides[0], *sides[1], moved)
 
 
 def _distance(one: ObjectCluster, other: ObjectCluster) -> float:

@@ -29,7 +29,7 @@ from imapper_prob.models.drawing import (
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import JOINTS, PELV
 from imapper_prob.models.text import with_error
-from imapper_prob.people import by_person, everybody, in_a_row
+from imapper_prob.people import by_person, everybody, in_a_row, names_of_rows
 from imapper_prob.plotting import Colour, action_colour, category_colour
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.uncertainty.drawing import draw_clusters, draw_occupancy
@@ -92,16 +92,17 @@ def energy_figure(explanation: Explanation, *, title: str) -> Figure:
     _sum(panels[2], explanation)
     _costs(panels[3], explanation)
     _probabilities(panels[4], explanation)
-    ids = explanation.frame_ids
+    ids = explanation.rows
     first.set_xlim(ids[0] - 0.5, ids[-1] + 0.5)
     for axes in panels:
         tidy(axes)
+        _people_in_a_row(axes, ids, explanation.actors)
         for worth in explanation.scenelets:
             begin, end = _edges(worth.frames[0], ids)
             axes.axvspan(begin, end, color=rgb(action_colour(worth.action)), alpha=0.07, lw=0)
     for axes in panels[:-1]:
         axes.tick_params(labelbottom=False)
-    panels[-1].set_xlabel("frame", color=INK)
+        axes.set_xlabel("")
     _worths(figure.add_subplot(grid[:, 1]), explanation)
     return figure
 
@@ -109,7 +110,7 @@ def energy_figure(explanation: Explanation, *, title: str) -> Figure:
 def _scenelets(axes: Axes, explanation: Explanation) -> None:
     """Draw the frames of each scenelet, with name and value."""
     for row, worth in enumerate(explanation.scenelets):
-        begin, end = _edges(worth.frames[0], explanation.frame_ids)
+        begin, end = _edges(worth.frames[0], explanation.rows)
         # Alternate heights, so that names of neighbouring short scenelets do not overlap.
         height = -(row % 2)
         colour = rgb(action_colour(worth.action))
@@ -124,7 +125,7 @@ def _scenelets(axes: Axes, explanation: Explanation) -> None:
 
 def _gain(axes: Axes, explanation: Explanation) -> None:
     """Draw the gain over the empty scene by frame, stacked by term, nats."""
-    ids = explanation.frame_ids
+    ids = explanation.rows
     above, below = np.zeros(len(ids)), np.zeros(len(ids))
     for name, nats in explanation.frames.terms.items():
         gained = nats - explanation.bare_frames.terms[name]
@@ -140,7 +141,7 @@ def _gain(axes: Axes, explanation: Explanation) -> None:
 def _sum(axes: Axes, explanation: Explanation) -> None:
     """Draw the cumulative gain from the first frame on."""
     gained = explanation.frames.total - explanation.bare_frames.total
-    axes.plot(explanation.frame_ids, np.cumsum(gained), color=INK, lw=1.4)
+    axes.plot(explanation.rows, np.cumsum(gained), color=INK, lw=1.4)
     axes.axhline(0, color=QUIET, lw=0.8)
     axes.set_ylabel("nat", color=QUIET)
     _title(axes, "gained so far: what has to pay for path, placement and layout")
@@ -148,7 +149,7 @@ def _sum(axes: Axes, explanation: Explanation) -> None:
 
 def _costs(axes: Axes, explanation: Explanation) -> None:
     """Draw the term of detections by frame, with the scene and without scenelets."""
-    ids, name = explanation.frame_ids, next(iter(explanation.frames.terms))
+    ids, name = explanation.rows, next(iter(explanation.frames.terms))
     bare, nats = explanation.bare_frames.terms[name], explanation.frames.terms[name]
     axes.plot(ids, bare, color=QUIET, lw=1, label="no scenelet")
     axes.plot(ids, nats, color=_TERM_COLOURS[name], lw=1.4, label="scene")
@@ -159,7 +160,7 @@ def _costs(axes: Axes, explanation: Explanation) -> None:
 
 def _probabilities(axes: Axes, explanation: Explanation) -> None:
     """Draw the probabilities by frame of hidden joints and of left-right flips."""
-    ids, frames = explanation.frame_ids, explanation.frames
+    ids, frames = explanation.rows, explanation.frames
     axes.fill_between(ids, frames.hidden, color="#59a14f", alpha=0.35, lw=0, label="joint hidden")
     axes.plot(ids, frames.flipped, color=_TERM_COLOURS["motion"], lw=1.4, label="sides flipped")
     axes.set(ylim=(0, 1), yticks=[0, 0.5, 1])
@@ -182,7 +183,9 @@ def _worths(axes: Axes, explanation: Explanation) -> None:
         for worth in parts:
             row += 1
             seen |= _stack(axes, worth, row)
-            spans = ", ".join(f"{ids[a]}-{ids[b]}" for a, b in worth.frames)
+            spans = ", ".join(
+                f"{ids[a]}-{ids[b]}{explanation.actor_of(a)}" for a, b in worth.frames
+            )
             names.append(worth.name if worth.action else f"{worth.name} ({spans})")
         row += 1
     axes.axvline(0, color=QUIET, lw=0.8)
@@ -291,7 +294,7 @@ def clip_figure(clip: Clip, *, moments: int = 5) -> Figure:
     sure.imshow(shown, aspect="auto", cmap="RdYlGn", vmin=0, vmax=1, extent=edges)
     sure.set_yticks(range(len(JOINTS)), JOINTS, fontsize=7)
     sure.set_title("confidence; white where nothing was detected", color=INK, fontsize=10)
-    _people_in_a_row(sure, clip)
+    _people_in_a_row(sure, ids, names_of_rows(clip).tolist())
     figure.colorbar(dots, ax=sure, shrink=0.7)
     tidy(sure)
     return figure
@@ -394,7 +397,7 @@ def hidden_figure(posterior: Posterior) -> Figure:
         if by.any():
             name = f"{c.label} at ({c.mean[0]:.1f}, {c.mean[1]:.1f})"
             count.plot(ids, by.sum(-1), color=rgb(category_colour(c.label)), lw=1.6, label=name)
-    _people_in_a_row(count, posterior.clip)
+    _people_in_a_row(count, ids, names_of_rows(posterior.clip).tolist())
     count.set_ylabel("joints hidden", color=INK)
     count.legend(fontsize=8, frameon=False)
     for axes in (grid, count):
@@ -432,7 +435,7 @@ def person_figure(posterior: Posterior) -> Figure:
     sure.set_ylim(bottom=0)
     sure.legend(fontsize=8, frameon=False)
     for axes in (depth, sure):
-        _people_in_a_row(axes, posterior.clip)
+        _people_in_a_row(axes, ids, names_of_rows(posterior.clip).tolist())
         tidy(axes)
     return figure
 
@@ -502,13 +505,13 @@ def chains_figure(posterior: Posterior) -> Figure:
     return figure
 
 
-def _people_in_a_row(axes: Axes, clip: Clip) -> None:
-    """Label the axis of frames; several people follow one another along it."""
-    names = [track.name for track in clip.tracks]
+def _people_in_a_row(axes: Axes, rows: NDArray[np.int64], actors: Sequence[str]) -> None:
+    """Label the axis of frames; several people, by the name of each row, follow one another."""
+    names = list(dict.fromkeys(actors))
     said = f", of {', then '.join(names)}" if len(names) > 1 else ""
     axes.set_xlabel(f"frame{said}", color=INK)
-    for person in range(1, len(names)):
-        axes.axvline(clip.frame_ids[0] + person * clip.n_frames - 0.5, color=INK, lw=0.8)
+    for name in names[1:]:
+        axes.axvline(rows[actors.index(name)] - 0.5, color=INK, lw=0.8)
 
 
 def _bounds(points: Array) -> tuple[Array, Array]:

@@ -33,7 +33,7 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Clip, Scene, SceneObject
 from imapper_prob.models.skeleton import BONES, JOINTS, PELV
 from imapper_prob.people import by_person, own_part
-from imapper_prob.plotting import category_colour
+from imapper_prob.plotting import Colour, category_colour
 from imapper_prob.uncertainty.scenes import WeightedScene
 
 __all__ = ["write_glb"]
@@ -54,8 +54,9 @@ _SHORTEST: Final = 0.001
 """Least length of a bone in metres, so that it has a direction."""
 _OPPOSITE: Final = 1e-9
 """One plus the cosine between opposite directions is below it; rounding errors are 1e-16."""
-_PERSON: Final = (235, 200, 70, 255)
-_WAY: Final = (60, 60, 70, 255)
+_PERSON: Final = (235, 200, 70)
+_WAY: Final = (60, 60, 70)
+"""Colours of people and of their paths, sRGB."""
 _ROD: Final = "bone"
 """Name of the mesh that all bones share: a rod of a metre along z."""
 _FLOAT: Final = 5126
@@ -113,7 +114,7 @@ def _as_trimesh(scene: Scene, clip: Clip) -> Any:
         known = _known(joints)
         if len(known) > 1:
             way = trimesh.load_path(joints[known][:, PELV])
-            way.colors = np.array([_WAY] * len(way.entities), np.uint8)
+            way.colors = np.tile(_linear(_WAY), (len(way.entities), 1))
             name = f"motion{own_part(clip, person)}"
             result.add_geometry(way, node_name=name, geom_name=name, transform=_UPRIGHT)
     if len(_known(scene.joints)):
@@ -139,18 +140,25 @@ def _add_object(result: Any, o: SceneObject, name: str) -> None:
         met[c.part] += 1
         part = f"{name} {c.part}" + (f" {met[c.part]}" if parts.count(c.part) > 1 else "")
         box = trimesh.creation.box(extents=c.size)
-        box.visual = _painted((*category_colour(o.label), 255))
+        box.visual = _painted(category_colour(o.label))
         at = trimesh.transformations.translation_matrix(c.centre)
         result.add_geometry(
             box, node_name=part, geom_name=part, parent_node_name=name, transform=at
         )
 
 
-def _painted(colour: tuple[int, int, int, int]) -> Any:
+def _painted(colour: Colour) -> Any:
     material = trimesh.visual.material.PBRMaterial(
-        baseColorFactor=np.array(colour, np.uint8), metallicFactor=0.0, roughnessFactor=0.9
+        baseColorFactor=_linear(colour), metallicFactor=0.0, roughnessFactor=0.9
     )
     return trimesh.visual.TextureVisuals(material=material)
+
+
+def _linear(colour: Colour) -> NDArray[np.uint8]:
+    """An opaque colour in linear RGBA, as glTF stores colours, from sRGB (IEC 61966-2-1)."""
+    srgb = np.array(colour) / 255
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    return np.append(np.round(255 * linear), 255).astype(np.uint8)
 
 
 # ------------------------------------------------------------------------------------------------

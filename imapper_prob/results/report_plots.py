@@ -474,8 +474,8 @@ def _object(figure: go.Figure, o: SceneObject, covariance: Array, **own: Any) ->
     low, high = o.bounds
     width, depth, height = high - low
     told = (
-        f"<b>{label}</b><br>x {o.centre[0]:.2f} ± {spread[0]:.2f} m<br>"
-        f"y {o.centre[1]:.2f} ± {spread[1]:.2f} m<br>"
+        f"<b>{label}</b><br>x {with_error(o.centre[0], spread[0])} m<br>"
+        f"y {with_error(o.centre[1], spread[1])} m<br>"
         f"turned by {np.degrees(o.placement.yaw) % 360:.0f}°<br>"
         f"{width:.2f} × {depth:.2f} × {height:.2f} m"
     )
@@ -494,10 +494,11 @@ def _object(figure: go.Figure, o: SceneObject, covariance: Array, **own: Any) ->
         **_xy(tip), mode="lines+markers", line={"color": colour, "width": 1.5}, marker=arrow,
         hoverinfo="skip", **own,
     )  # fmt: skip
-    variances, directions = np.linalg.eigh(covariance)
-    axes = np.sqrt(_NINETY * np.maximum(variances, 0))
-    edge = o.centre[:2] + (np.stack([np.cos(_ROUND), np.sin(_ROUND)], 1) * axes) @ directions.T
-    _line(figure, edge, INK, width=1, dash="dot", **own)
+    if np.isfinite(covariance).all():
+        variances, directions = np.linalg.eigh(covariance)
+        axes = np.sqrt(_NINETY * np.maximum(variances, 0))
+        edge = o.centre[:2] + (np.stack([np.cos(_ROUND), np.sin(_ROUND)], 1) * axes) @ directions.T
+        _line(figure, edge, INK, width=1, dash="dot", **own)
     nearest = o.footprint[o.footprint[:, 1].argmin()]
     figure.add_scatter(
         **_xy(nearest), mode="text", text=[label], textposition="bottom center", hoverinfo="skip",

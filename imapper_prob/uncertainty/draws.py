@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -114,6 +114,7 @@ class Draws:
             joints=limbs_of(self.solution.problem, state, camera).joints,
             layout=tuple((self.solution.library[s].name, t) for s, t in state.items.tolist()),
             log_posterior=float(self.samples.log_posterior.flat[number]),
+            people=len(self.clip.tracks),
         )
 
     def _camera(self, phi: Array) -> Camera:
@@ -165,16 +166,22 @@ class Draws:
         ['couch', 'table']
         """
         if least not in self._clusters:
-            self._clusters[least] = object_clusters(
-                self.samples.objects,
-                self.samples.log_posterior,
-                radius=self.config.sample.layout_radius,
-                least=least,
-                standing=self.furniture,
-                seen=self.samples.seen,
-                labels=self._label_shares,
-            )
+            kept = tuple(c for c in self._every_cluster if c.presence >= least)
+            self._clusters[least] = kept
         return self._clusters[least]
+
+    @cached_property
+    def _every_cluster(self) -> tuple[ObjectCluster, ...]:
+        """Clusters of any probability."""
+        return object_clusters(
+            self.samples.objects,
+            self.samples.log_posterior,
+            radius=self.config.sample.layout_radius,
+            least=0.0,
+            standing=self.furniture,
+            seen=self.samples.seen,
+            labels=self._label_shares,
+        )
 
     @cached_property
     def _label_shares(self) -> tuple[tuple[dict[str, float], ...], ...]:
@@ -308,7 +315,8 @@ class Draws:
         mean = np.mean([state.camera for state in states], axis=0)
         cameras = (self._camera(state.camera) for state in states)
         motions = zip(cameras, (limbs.joints for limbs in self._limbs()), strict=True)
-        return expected_scene(self._camera(mean), self.clusters(), self.furniture, motions)
+        found = expected_scene(self._camera(mean), self.clusters(), self.furniture, motions)
+        return replace(found, people=len(self.clip.tracks))
 
     def _motions(self) -> Iterator[Array]:
         """The motion of each draw in its world frame, one after the other."""

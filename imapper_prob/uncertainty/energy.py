@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
@@ -26,8 +26,10 @@ from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.kernels.visibility import visibility_probability
 from imapper_prob.models.log_posterior import State, motion, side_flips, terms
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import DETECTED
+from imapper_prob.people import names_of_rows
 from imapper_prob.solver.selection import with_own_scenelets
 
 __all__ = [
@@ -84,7 +86,7 @@ class Worth:
     action : str
         Action of the scenelet; empty for an object.
     frames : tuple of (int, int)
-        First and last frame of the scenelet, or of each scenelet that has the object.
+        First and last row of the scenelet, or of each scenelet that has the object.
     terms : mapping of str to float
         Nats by term; positive if the part helps.
     """
@@ -107,7 +109,9 @@ class Explanation:
     Parameters
     ----------
     frame_ids : (T,) int
-        Frame numbers of the clip.
+        Frame numbers of the clip by row: all frames of one person, then of the next.
+    actors : tuple of T str
+        Name of the person of each row; empty for a single person.
     terms, bare_terms : mapping of str to float
         Nats by term, for the scene and for the same state without scenelets.
     frames, bare_frames : FrameShares
@@ -120,6 +124,7 @@ class Explanation:
     """
 
     frame_ids: Ints
+    actors: tuple[str, ...]
     terms: Mapping[str, float]
     bare_terms: Mapping[str, float]
     frames: FrameShares
@@ -137,9 +142,27 @@ class Explanation:
         """Gain of the scene over the empty scene by term, nats."""
         return _lost(self.terms, self.bare_terms)
 
+    @property
+    def rows(self) -> Ints:
+        """(T,) positions along an axis of frames: numbers of the first person's frames, and on."""
+        return np.asarray(self.frame_ids[0] + np.arange(len(self.frame_ids)), np.int64)
+
+    def actor_of(self, row: int) -> str:
+        """Ending for the name of what is in a row; empty for a single person.
+
+        Parameters
+        ----------
+        row : int
+
+        Returns
+        -------
+        str
+        """
+        return f" {self.actors[row]}" if self.actors else ""
+
 
 def explain(
-    problem: Problem, state: State, library: Library, *, frame_ids: ArrayLike | None = None
+    problem: Problem, state: State, library: Library, *, clip: Clip | None = None
 ) -> Explanation:
     """Decompose the log-posterior of a state.
 
@@ -149,8 +172,9 @@ def explain(
     state : State
     library : Library
         Library of the problem.
-    frame_ids : (T,) int, optional
-        Frame numbers; counted from 0 if not given.
+    clip : Clip, optional
+        Clip of the problem, with its frame numbers and names of people; frames are counted from 0
+        if not given.
 
     Returns
     -------
@@ -167,7 +191,10 @@ def explain(
             "the scene has no finite log-posterior: scenelets overlap or stick out of the clip, "
             "or the camera is out of bounds; take another scene"
         )
-    ids = np.arange(problem.n_frames) if frame_ids is None else np.array(frame_ids, np.int64)
+    ids, actors = np.arange(problem.n_frames), ()
+    if clip is not None:
+        ids = np.tile(clip.frame_ids, len(clip.tracks))
+        actors = tuple(names_of_rows(clip).tolist()) if len(clip.tracks) > 1 else ()
     bare = replace(
         state, items=state.items[:0], placements=state.placements[:0], sizes=state.sizes[:0]
     )
@@ -182,6 +209,7 @@ def explain(
     )
     return Explanation(
         frame_ids=ids,
+        actors=actors,
         terms=whole,
         bare_terms=terms(problem, bare),
         frames=_frame_shares(problem, state, library),
@@ -239,7 +267,7 @@ def _without_boxes(problem: Problem, gone: NDArray[np.bool_]) -> Problem:
 
 
 def _span(problem: Problem, state: State, index: int) -> tuple[int, int]:
-    """First and last frame index of an item."""
+    """First and last row of an item."""
     scenelet, start = state.items[index].tolist()
     return start, start + int(problem.lengths[scenelet]) - 1
 
@@ -252,7 +280,7 @@ def _lost(whole: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, fl
 # Tables and files.
 
 FORMAT: Final = "imapper-prob energy"
-VERSION: Final = 1
+VERSION: Final = 2
 """Format version, raised whenever an older reader would misread the file."""
 _HEADS: Final = {
     "layout": "lay-\nout",
@@ -341,9 +369,10 @@ def write_energy(path: Path, explanation: Explanation, **provenance: str) -> Non
         "log_posterior": explanation.log_posterior,
         "terms": dict(explanation.terms),
         "terms_without_scenelets": dict(explanation.bare_terms),
-        "scenelets": [_worth(w, explanation.frame_ids) for w in explanation.scenelets],
-        "objects": [_worth(w, explanation.frame_ids) for w in explanation.objects],
+        "scenelets": [_worth(w, explanation) for w in explanation.scenelets],
+        "objects": [_worth(w, explanation) for w in explanation.objects],
         "frame": explanation.frame_ids.tolist(),
+        **({"actor": list(explanation.actors)} if explanation.actors else {}),
         "frames": _frames(explanation.frames),
         "frames_without_scenelets": _frames(explanation.bare_frames),
     }
@@ -353,6 +382,7 @@ def write_energy(path: Path, explanation: Explanation, **provenance: str) -> Non
 
 def _worth_table(title: str, explanation: Explanation, of_objects: bool) -> Table:
     parts = explanation.objects if of_objects else explanation.scenelets
+    ids = explanation.frame_ids
     shown = [t for t in explanation.terms if any(abs(w.terms[t]) >= _SHOWN for w in parts)]
     table = _table(title)
     table.add_column("object" if of_objects else "scenelet", no_wrap=True)
@@ -361,8 +391,12 @@ def _worth_table(title: str, explanation: Explanation, of_objects: bool) -> Tabl
         table.add_column(_HEADS.get(name, name), justify="right")
     for worth in parts:
         cells = [_signed(worth.terms[t]) for t in shown]
-        spans = [tuple(explanation.frame_ids[list(span)]) for span in worth.frames]
-        when = [f"{first}-{last}" if of_objects else str(first) for first, last in spans]
+        when = [
+            f"{ids[first]}-{ids[last]}{explanation.actor_of(first)}"
+            if of_objects
+            else f"{ids[first]}{explanation.actor_of(first)}"
+            for first, last in worth.frames
+        ]
         table.add_row(worth.name, ", ".join(when), *cells, _signed(worth.total))
     return table
 
@@ -376,10 +410,12 @@ def _signed(nats: float) -> str:
     return f"{nats:+.1f}" if abs(nats) >= _SHOWN else "·"
 
 
-def _worth(worth: Worth, ids: NDArray[np.int64]) -> dict[str, Any]:
+def _worth(worth: Worth, explanation: Explanation) -> dict[str, Any]:
+    ids, actors = explanation.frame_ids, explanation.actors
     return {
         "name": worth.name,
         "frames": [[int(ids[first]), int(ids[last])] for first, last in worth.frames],
+        **({"actors": [actors[first] for first, _ in worth.frames]} if actors else {}),
         "lost": worth.total,
         "lost_by_term": dict(worth.terms),
     }

@@ -20,6 +20,7 @@ from imapper_prob.uncertainty.draws import Draws
 from imapper_prob.uncertainty.scenes import (
     Representative,
     WeightedScene,
+    covariances_about,
     describe_difference,
     explained_by,
     group_scenes,
@@ -144,11 +145,17 @@ class Ranking:
         members = np.flatnonzero(np.isin(samples.layouts.indicator, layouts))
         spread = members[np.linspace(0, len(members) - 1, _GHOSTS).round().astype(int)]
         ghosts = [self.draws.draw(int(m)).joints for m in np.unique(spread)]
+        covariances = covariances_about(
+            chosen,
+            [self._representatives[layout] for layout in layouts],
+            seen=samples.seen,
+            standing=self.draws.furniture,
+        )
         return WeightedScene(
             scene,
             float(probability),
             float(error),
-            chosen.covariances,
+            covariances,
             np.array(ghosts),
             layouts=tuple((1 + layouts).tolist()),
             explains=explained_by(

@@ -36,6 +36,7 @@ __all__ = [
     "Explains",
     "Representative",
     "WeightedScene",
+    "covariances_about",
     "describe_difference",
     "explained_by",
     "group_scenes",
@@ -98,7 +99,8 @@ class WeightedScene:
     error : float
         Monte-Carlo standard error of ``probability``.
     covariances : (n_objects, 2, 2) float
-        Posterior covariance of each object's position on the floor, square metres.
+        Posterior covariance of each object's position on the floor about the place that is shown,
+        square metres, see :func:`covariances_about`.
     ghosts : (n_ghosts, T, 16, 3) float
         Some more draws of the motion, world frame, metres.
     layouts : tuple of int
@@ -135,15 +137,13 @@ class WeightedScene:
         """Names of the objects, without the kinds of seats: ``seat`` for each seat."""
         return tuple(group_of(o.label) for o in self.scene.objects)
 
-    def plot(self, ax: Axes | None = None, *, people: int = 1) -> Axes:
+    def plot(self, ax: Axes | None = None) -> Axes:
         """Draw the scene from above with its probability, and other draws of the path in grey.
 
         Parameters
         ----------
         ax : matplotlib.axes.Axes, optional
             If not given, the axes of a new figure.
-        people : int
-            Number of people whose frames the motion contains, one person after the other.
 
         Returns
         -------
@@ -157,10 +157,9 @@ class WeightedScene:
         """
         axes = axes_for(ax, size=(5.0, 4.6))
         for number, ghost in enumerate(self.ghosts):
-            draw_paths(
-                axes, ghost, people=people, label=None if number else "other draws", quiet=True
-            )
-        self.scene.plot(axes, people=people)
+            label = None if number else "other draws"
+            draw_paths(axes, ghost, people=self.scene.people, label=label, quiet=True)
+        self.scene.plot(axes)
         axes.set_title(f"p = {with_error(self.probability, self.error)}", color=INK, fontsize=11)
         return axes
 
@@ -181,15 +180,18 @@ class Representative:
     ----------
     draw : int
         Index of the draw, chain by chain.
-    objects : tuple of SceneObject
+    objects : tuple of n_objects SceneObject
         Its furniture, in the object order of the layout's first draw.
-    covariances : (n_objects, 2, 2) float
-        Covariance of each object's position over the draws of the layout, square metres.
+    members : (n,) int
+        Indices of the draws of the layout.
+    partners : (n, n_objects) int
+        Index, in each of them, of the object that matches the one of ``objects``.
     """
 
     draw: int
     objects: tuple[SceneObject, ...]
-    covariances: NDArray[np.float64]
+    members: NDArray[np.int64]
+    partners: NDArray[np.int64]
 
 
 def representative(
@@ -213,16 +215,75 @@ def representative(
     """
     leader = samples.layouts.leaders[layout]
     founder = seen[leader]
-    members = np.flatnonzero(samples.layouts.indicator == layout).tolist()
-    partners = {m: match_objects(founder, seen[m], radius=radius) for m in members}
-    matched = [(m, partner) for m, partner in partners.items() if partner is not None]
-    centres = np.array(
-        [[samples.objects[m][k].centre[:2] for k in partner] for m, partner in matched]
-    ).reshape(len(matched), len(founder), 2)
-    offset = centres - centres.mean(0)
-    draw, partner = matched[int((offset**2).sum((1, 2)).argmin())]
-    covariances = np.einsum("nki,nkj->kij", offset, offset) / max(len(matched) - 1, 1)
-    return Representative(draw, tuple(samples.objects[draw][k] for k in partner), covariances)
+    drawn = np.flatnonzero(samples.layouts.indicator == layout).tolist()
+    found = {m: match_objects(founder, seen[m], radius=radius) for m in drawn}
+    matched = {m: partner for m, partner in found.items() if partner is not None}
+    members = np.array(list(matched), np.int64)
+    partners = np.array(list(matched.values()), np.int64).reshape(len(members), len(founder))
+    centres = _centres(samples.objects, members, partners)
+    nearest = int(((centres - centres.mean(0)) ** 2).sum((1, 2)).argmin())
+    draw = int(members[nearest])
+    objects = tuple(samples.objects[draw][k] for k in partners[nearest].tolist())
+    return Representative(draw, objects, members, partners)
+
+
+def covariances_about(
+    shown: Representative,
+    layouts: Sequence[Representative],
+    *,
+    seen: Sequence[Sequence[SceneObject]],
+    standing: Sequence[Sequence[SceneObject]],
+) -> Array:
+    """Covariance of each object's position over the draws of a scene, about the place shown.
+
+    It is the mean square of deviations from the place shown instead of their mean, because regions
+    are drawn about that place.
+
+    Parameters
+    ----------
+    shown : Representative
+        The layout that represents the scene.
+    layouts : sequence of Representative
+        All layouts of the scene, nearer to ``shown`` than :data:`APART`.
+    seen : sequence of N sequence of SceneObject
+        Objects of all draws, at positions for comparison.
+    standing : sequence of N sequence of SceneObject
+        The same objects where they stand, see :mod:`imapper_prob.uncertainty.estimate`.
+
+    Returns
+    -------
+    (n_objects, 2, 2) float
+        Square metres; NaN if the scene has fewer than two draws.
+    """
+    places = np.array([o.centre[:2] for o in shown.objects]).reshape(-1, 2)
+    if sum(len(own.members) for own in layouts) < 2:
+        return np.full((len(places), 2, 2), np.nan)
+    first = _compared(shown, seen)
+    orders = [[j for _, j in pair_objects(first, _compared(own, seen)).pairs] for own in layouts]
+    centres = [
+        _centres(standing, own.members, own.partners[:, order])
+        for own, order in zip(layouts, orders, strict=True)
+    ]
+    offset = np.concatenate(centres) - places
+    covariances: Array = np.einsum("nki,nkj->kij", offset, offset) / len(offset)
+    return covariances
+
+
+def _compared(own: Representative, seen: Sequence[Sequence[SceneObject]]) -> list[SceneObject]:
+    """Objects of a representative draw, in its order, at positions for comparison."""
+    (partner,) = own.partners[own.members == own.draw].tolist()
+    return [seen[own.draw][k] for k in partner]
+
+
+def _centres(
+    objects: Sequence[Sequence[SceneObject]],
+    members: NDArray[np.int64],
+    partners: NDArray[np.int64],
+) -> Array:
+    """(n, n_objects, 2) positions of matched objects (n, n_objects) of n draws."""
+    rows = zip(members.tolist(), partners.tolist(), strict=True)
+    centres = [[objects[m][k].centre[:2] for k in partner] for m, partner in rows]
+    return np.array(centres).reshape(*partners.shape, 2)
 
 
 # ------------------------------------------------------------------------------------------------

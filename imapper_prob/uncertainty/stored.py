@@ -9,7 +9,7 @@ that occur in a draw are stored. Groups, in addition to those of
 ``library``     the arrays of a library file (:mod:`imapper_prob.scenelets.library`)
 ``problem``     the fields of :class:`imapper_prob.models.problem.Problem`, for these scenelets
 ``latent``      latent normal variables of each draw's path, single precision
-``layouts``     probability, error and first draw of each layout
+``layouts``     probability, error and first draw of each layout, by its number from 1
 ``traces``      log-posterior over the whole run, including burn-in
 ``moves``       how often each move was proposed and accepted
 ``walked``      effect of the ensembles on the draws: change of means in standard deviations, its
@@ -495,7 +495,7 @@ def read_samples(groups: Groups, source: Source) -> Samples:
         traces=groups["/traces"]["log_posterior"].to_numpy(),
         objects=objects,
         layouts=Layouts(
-            _flat(groups["/counts"], "layout").astype(np.int64),
+            _flat(groups["/counts"], "layout").astype(np.int64) - 1,
             tuple(layouts["leader"].sortby("layout").to_numpy().tolist()),
         ),
         probabilities=_probabilities(layouts, values.shape[1]),

@@ -6,8 +6,8 @@ Groups, with ArviZ's names where it has one:
                   has whatever its dimension, for plots of ArviZ
 ``furniture``      matched objects by name (:mod:`imapper_prob.uncertainty.furniture`): presence,
                   position and size in each draw, NaN in a draw without the object
-``counts``         numbers of scenelets and objects, and the layout; even in a good run they may
-                  be constant
+``counts``         numbers of scenelets and objects, and the number of the layout, from 1; even
+                  in a good run they may be constant
 ``motion``         by frame: pelvis, probability of a left-right flip, and excess cost of the
                   best scenelet; for several people all frames of the first, then of the next, see
                   ``actor``
@@ -159,7 +159,7 @@ STEPS: Final = "given_steps"
 """Attribute with the steps of the chains that continued chains began from."""
 EVIDENCE: Final = "given_evidence"
 """Attribute with the evidence of the statements."""
-FORMAT: Final = "imapper-prob posterior 7"
+FORMAT: Final = "imapper-prob posterior 8"
 """Format of the file; the number is raised when an older reader would misread it."""
 _SAID: Final = ("ensembles", "clip", "program", "verdict")
 """Attributes that can be shown without reading the draws."""
@@ -370,7 +370,7 @@ def _counts(samples: Samples) -> dict[str, Variable]:
     return {
         "n_scenelets": (_PER_DRAW, np.reshape([s.n_scenelets for s in samples.states], shape)),
         "n_objects": (_PER_DRAW, np.reshape([len(o) for o in samples.objects], shape)),
-        "layout": (_PER_DRAW, samples.layouts.indicator.reshape(shape)),
+        "layout": (_PER_DRAW, 1 + samples.layouts.indicator.reshape(shape)),
     }
 
 

@@ -115,6 +115,31 @@ def test_changes_match_objects_by_kind_and_place() -> None:
     assert len(rows) == 4
 
 
+def test_changes_tell_how_unlikely_objects_were_and_become() -> None:
+    def cluster(label: str, x: float, presence: float) -> ObjectCluster:
+        (found,) = object_clusters([[piece(label, x, 4.0)]] * 4, np.zeros((1, 4)), radius=0.5)
+        return replace(found, presence=presence, presence_error=presence / 10)
+
+    before = [cluster("couch", 0.0, 0.9), cluster("shelf", 3.0, 0.6), cluster("table", 1.0, 0.04)]
+    after = [
+        cluster("table", 1.2, 0.7), cluster("couch", 0.4, 0.6), cluster("couch", 0.1, 0.03),
+        cluster("shelf", 3.1, 0.02), cluster("bed", -2.0, 0.01),
+    ]  # fmt: skip
+    rows = {row.what: row for row in _objects(before, after)}
+    assert list(rows) == ["table", "couch", "shelf"]
+    assert (rows["table"].before, rows["table"].after) == (0.04, 0.7)
+    assert rows["table"].moved == pytest.approx(0.2)
+    # A couch that is hardly there does not stand for the likely one, though it is nearer.
+    assert (rows["couch"].before, rows["couch"].after) == (0.9, 0.6)
+    assert (rows["shelf"].before, rows["shelf"].after) == (0.6, 0.02)
+    assert rows["shelf"].after_error == pytest.approx(0.002)
+    told = changes(small_posterior(), higher())
+    for row in told[:-4]:
+        for presence, error in ((row.before, row.before_error), (row.after, row.after_error)):
+            assert (presence == 0.0) == np.isnan(error)
+        assert max(row.before, row.after) >= 0.05
+
+
 def test_changes_of_camera_and_person_are_in_their_units() -> None:
     before, after = small_posterior(), higher()
     rows = {row.what: row for row in changes(before, after)}

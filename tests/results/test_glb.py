@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation, Slerp
 from trimesh.exchange.gltf import validate
 
+from imapper_prob.models.colours import category_colour
 from imapper_prob.models.scene import Clip, Scene
 from imapper_prob.models.skeleton import BONES, JOINTS, PELV
 from imapper_prob.results.glb import write_glb
@@ -206,6 +207,35 @@ def test_boxes_of_a_glb_are_those_of_the_scene(tmp_path: Path) -> None:
     matrix, geometry = back.graph["motion"]
     way = trimesh.transform_points(back.geometry[geometry].vertices, matrix)
     assert_allclose(way[0][[0, 2]], scene.joints[0, PELV, :2] * (1, -1), atol=1e-3)
+
+
+def test_colours_are_linear(tmp_path: Path) -> None:
+    """A viewer encodes linear colours in sRGB, and so shows the colours of the figures."""
+    scene = couch_and_table()
+    film = written(tmp_path, scene, clip_of_scene(scene))
+
+    def shown(linear: np.ndarray) -> np.ndarray:
+        curved = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
+        return 255 * np.where(linear <= 0.0031308, 12.92 * linear, curved)
+
+    found = {}
+    for node in film.tree["nodes"]:
+        if "mesh" in node:
+            found[node["name"]] = film.tree["meshes"][node["mesh"]]["primitives"][0]
+    for name, colour in (
+        ("couch 1 seat", category_colour("couch")),
+        ("table 1 top", category_colour("table")),
+        ("person NECK-THRX", (235, 200, 70)),
+    ):
+        material = film.tree["materials"][found[name]["material"]]
+        factor = np.array(material["pbrMetallicRoughness"]["baseColorFactor"])
+        assert_allclose(shown(factor[:3]), colour, atol=3)  # linear colours are bytes
+        assert factor[3] == 1
+    accessor = film.tree["accessors"][found["motion"]["attributes"]["COLOR_0"]]
+    start = film.tree["bufferViews"][accessor["bufferView"]]["byteOffset"]
+    colours = np.frombuffer(film.binary, np.uint8, 4 * accessor["count"], start).reshape(-1, 4)
+    assert_allclose(shown(colours[:, :3] / 255), np.tile((60, 60, 70), (len(colours), 1)), atol=3)
+    assert (colours[:, 3] == 255).all()
 
 
 def test_a_glb_of_an_empty_room_and_an_unknown_motion(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.results.report_plots import Floor, map_plot
+from imapper_prob.results.report_plots import Floor, floor_plot, map_plot
 from imapper_prob.results.solution import charness_figure, plot_charness
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.scenelets.library import load_library
@@ -97,10 +97,29 @@ def test_a_scene_is_drawn_where_it_stands() -> None:
 
 def test_two_people_have_two_paths() -> None:
     scene = couch_and_table()
-    both = replace(scene, joints=np.concatenate([scene.joints, scene.joints + 1.0]))
-    axes = both.plot(Figure().subplots(), people=2)
+    both = replace(scene, joints=np.concatenate([scene.joints, scene.joints + 1.0]), people=2)
+    axes = both.plot(Figure().subplots())
     assert entries(axes)[:2] == ["pelvis, person 1", "pelvis, person 2"]
     np.testing.assert_allclose(axes.lines[1].get_xydata(), scene.joints[:, PELV, :2] + 1.0)
+
+
+def test_an_unknown_spread_is_said_and_has_no_region() -> None:
+    run = small_posterior()
+    best = run[0]
+    covariances = np.tile(0.01 * np.eye(2), (len(best.objects), 1, 1))
+    known, unknown = (
+        floor_plot(
+            Floor(np.array([-5.0, 0.0]), np.array([5.0, 9.0])),
+            run.clip,
+            [replace(best, covariances=own)],
+        )
+        for own in (covariances, np.full_like(covariances, np.nan))
+    )
+    dotted = [sum(t.line.dash == "dot" for t in figure.data) for figure in (known, unknown)]
+    assert dotted == [len(best.objects), 0]
+    told = [t.text for t in unknown.data if t.hoveron == "fills"]
+    assert len(told) == len(best.objects) > 0
+    assert all(text.count(" ± unknown m") == 2 for text in told)
 
 
 def test_the_map_is_white_where_nothing_stands() -> None:

@@ -46,8 +46,12 @@ def test_scenes_have_probabilities_errors_and_a_motion() -> None:
         assert weighted.scene.joints.shape == (run.clip.n_frames, 16, 3)
         assert np.isfinite(weighted.scene.joints).all()
         assert len(weighted.covariances) == len(weighted.scene.objects)
+        drawn = np.isin(run.samples.layouts.indicator + 1, weighted.layouts).sum()
         for covariance in weighted.covariances:
-            assert np.linalg.eigvalsh(covariance).min() > -1e-12
+            if drawn > 1:
+                assert np.linalg.eigvalsh(covariance).min() > -1e-12
+            else:
+                assert np.isnan(covariance).all()
         assert weighted.ghosts.shape[1:] == weighted.scene.joints.shape
 
 
@@ -57,14 +61,16 @@ def test_the_representative_is_a_draw_of_its_layout() -> None:
     best = run.scenes(1)[0].scene
     index = int(np.flatnonzero(samples.log_posterior.ravel() == best.log_posterior)[0])
     assert samples.layouts.indicator[index] == 0
-    # Covariances are of the centres of the layout's draws, matched to the scene's objects.
-    of_layout = [samples.objects[n] for n in np.flatnonzero(samples.layouts.indicator == 0)]
-    for o, covariance in zip(best.objects, run.scenes(1)[0].covariances, strict=True):
-        alike = [
-            min(own, key=lambda other: float(np.hypot(*(other.centre - o.centre)[:2]))).centre[:2]
-            for own in of_layout
-        ]
-        np.testing.assert_allclose(covariance, np.cov(np.transpose(alike)), rtol=1e-6)
+    # Covariances are of where furniture stands in the scene's draws, about the place shown.
+    shown = run.scenes(1)[0]
+    drawn = np.flatnonzero(np.isin(samples.layouts.indicator + 1, shown.layouts)).tolist()
+    assert len(drawn) > 2
+    for o, covariance in zip(best.objects, shown.covariances, strict=True):
+        away = [[float(np.hypot(*(other.centre - o.centre)[:2])) for other in samples.objects[n]]
+                for n in drawn]  # fmt: skip
+        there = [run.furniture[n][int(np.argmin(own))] for n, own in zip(drawn, away, strict=True)]
+        offset = np.array([(other.centre - o.centre)[:2] for other in there])
+        np.testing.assert_allclose(covariance, offset.T @ offset / len(drawn), rtol=1e-6)
     centres = {tuple(o.centre) for o in samples.objects[index]}
     assert {tuple(o.centre) for o in best.objects} == centres
 
@@ -96,6 +102,16 @@ def test_the_tree_holds_the_draws_and_survives_the_disk(tmp_path: Path) -> None:
                   for k in tree["draws"]["object_label"][1, 5].values if k >= 0]  # fmt: skip
         assert labels == [o.label for o in objects]
     assert "seed = 3" in read_attributes(path)["config"]
+
+
+def test_layouts_of_draws_are_numbered_as_their_probabilities() -> None:
+    tree = posterior().data
+    drawn, layouts = tree["counts"]["layout"], tree["layouts"]
+    for number in layouts["layout"].to_numpy():
+        own = layouts.to_dataset().sel(layout=number)
+        assert float(own["probability"]) == pytest.approx(float((drawn == number).mean()))
+        chain, draw = np.unravel_index(int(own["leader"]), drawn.shape)
+        assert drawn[chain, draw] == number
 
 
 def test_a_file_that_is_no_posterior_is_refused(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from matplotlib.figure import Figure
 from numpy.testing import assert_allclose, assert_array_equal
 
 import imapper_prob as im
@@ -255,6 +257,28 @@ def test_who_sits_opposite_has_the_same_table_and_another_chair(label: str, paid
     cost = terms(problem, state)["collision"]
     assert (cost < -1.0) == paid
     assert (cost == 0.0) != paid
+
+
+def test_scenes_are_drawn_with_a_path_for_each_person() -> None:
+    run = posterior()
+    for shown in (run[0], run[0].scene, run.draw(3), run.estimate):
+        axes = shown.plot(Figure().subplots())
+        ways = [line for line in axes.lines if str(line.get_label()).startswith("pelvis, person")]
+        assert [len(np.asarray(line.get_xdata())) for line in ways] == [N_FRAMES] * 2
+        assert all(len(np.asarray(line.get_xdata())) == N_FRAMES for line in axes.lines)
+
+
+def test_the_energy_is_told_by_frames_and_people(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = Path(shutil.copytree(folder, tmp_path / "run"))
+    assert main(["info", "--energy", str(out)]) == 0
+    document = json.loads((out / "energy.json").read_text(encoding="utf-8"))
+    frames = posterior().clip.frame_ids
+    assert document["frame"] == np.tile(frames, 2).tolist()
+    assert {name for part in document["scenelets"] for name in part["actors"]} == {"A", "B"}
+    told = [span for part in document["scenelets"] for span in part["frames"]]
+    assert all(frames[0] <= first <= last <= frames[-1] for first, last in told)
 
 
 def test_everybody_is_scored(folder: Path) -> None:

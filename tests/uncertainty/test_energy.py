@@ -35,6 +35,7 @@ from tests.models.worlds import camera_prior, clip_of, couch, library, path_of, 
 
 N_FRAMES = 40
 FRAME_IDS = np.arange(7, 7 + N_FRAMES)
+WALK = replace(clip_of(walk(N_FRAMES), np.random.default_rng(5)), frame_ids=FRAME_IDS)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +78,7 @@ def made(scenelets: Library) -> Problem:
 
 @pytest.fixture(scope="module")
 def explained(made: Problem, scenelets: Library) -> Explanation:
-    return explain(made, busy_state(made), scenelets, frame_ids=FRAME_IDS)
+    return explain(made, busy_state(made), scenelets, clip=WALK)
 
 
 def test_the_world_is_worth_explaining(explained: Explanation) -> None:
@@ -256,3 +257,35 @@ def test_the_file_holds_every_number(explained: Explanation, tmp_path: Path) -> 
     assert document["scenelets"][0]["frames"] == [[10, 15]]
     assert [o["lost"] for o in document["objects"]] == [w.total for w in explained.objects]
     assert [p.name for p in tmp_path.iterdir()] == ["energy.json"]
+
+
+def test_frames_of_several_people_are_the_clips_own_with_their_names(
+    made: Problem, scenelets: Library, tmp_path: Path
+) -> None:
+    """The rows of the second person follow those of the first; their frames are the same."""
+    count = N_FRAMES // 2
+    alone = clip_of(walk(count), np.random.default_rng(5))
+    (track,) = alone.tracks
+    tracks = (replace(track, name="Ann"), replace(track, name="Bob"))
+    clip = replace(alone, frame_ids=FRAME_IDS[:count], tracks=tracks)
+    explained = explain(made, busy_state(made), scenelets, clip=clip)
+    write_energy(tmp_path / "energy.json", explained)
+    document = json.loads((tmp_path / "energy.json").read_text())
+    assert document["version"] == 2
+    assert document["frame"] == FRAME_IDS[:count].tolist() * 2
+    assert document["actor"] == ["Ann"] * count + ["Bob"] * count
+    who = [(part["frames"], part["actors"]) for part in document["scenelets"]]
+    assert who == [([[10, 15]], ["Ann"]), ([[19, 24]], ["Ann"]), ([[11, 16]], ["Bob"])]
+    assert document["objects"][0]["frames"] == [[10, 15], [19, 24]]
+    assert document["objects"][0]["actors"] == ["Ann", "Ann"]
+    console = Console(file=io.StringIO(), width=80)
+    for table in (scenelet_table, object_worth_table):
+        console.print(table(explained))
+    text = console.file.getvalue()
+    for told in ("10 Ann", "11 Bob", "10-15 Ann, 19-24 Ann", "11-16 Bob"):
+        assert told in text
+    figure = energy_figure(explained, title="a walk")
+    covers, *_, chances, worths = figure.axes
+    assert chances.get_xlabel() == "frame, of Ann, then Bob"
+    assert_allclose(covers.get_xlim(), (FRAME_IDS[0] - 0.5, FRAME_IDS[-1] + 0.5))
+    assert any("(11-16 Bob)" in label.get_text() for label in worths.get_yticklabels())

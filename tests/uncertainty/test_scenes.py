@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 from imapper_prob.layouts import object_distance, pair_objects
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 from imapper_prob.samplers.diagnostics import layout_probabilities
-from imapper_prob.uncertainty.scenes import describe_difference, group_scenes
+from imapper_prob.uncertainty.scenes import (
+    Representative,
+    covariances_about,
+    describe_difference,
+    group_scenes,
+)
 from tests.runs import posterior
 
 
@@ -92,6 +97,48 @@ def test_layouts_that_are_near_make_one_scene() -> None:
     ]
     assert group_scenes(layouts).tolist() == [0, 0, 1, 1, 0, 2]
     assert group_scenes([]).tolist() == []
+
+
+def layout_of(
+    members: list[int], *, turned_round: bool, objects: list[SceneObject]
+) -> Representative:
+    """A layout of draws of two objects, whose first draw is shown."""
+    partners = np.tile([1, 0] if turned_round else [0, 1], (len(members), 1))
+    shown = tuple(objects[k] for k in partners[0].tolist())
+    return Representative(members[0], shown, np.array(members), partners)
+
+
+def test_ninety_percent_of_the_furniture_of_a_scene_is_in_its_region(
+    rng: np.random.Generator,
+) -> None:
+    """Layouts differ in the order of their objects, and furniture stands beside its scenelet."""
+    count = 2000
+    seen, standing = [], []
+    for n in range(count):
+        places = np.array([[0.0, 4.0], [1.5, 4.0]]) + rng.normal(0, 0.1, (2, 2)) + 0.3 * (n % 2)
+        beside = places + rng.normal(0, (0.2, 0.4), (2, 2))
+        order = [0, 1] if n % 2 else [1, 0]
+        names = ("couch", "table")
+        seen.append([item(names[k], *places[k]) for k in order])
+        standing.append([item(names[k], *beside[k]) for k in order])
+    first = layout_of(list(range(0, count, 2)), turned_round=True, objects=seen[0])
+    second = layout_of(list(range(1, count, 2)), turned_round=False, objects=seen[1])
+    covariances = covariances_about(first, [first, second], seen=seen, standing=standing)
+    for k, (o, covariance) in enumerate(zip(first.objects, covariances, strict=True)):
+        stand = [standing[n][k if n % 2 else 1 - k].centre[:2] for n in range(count)]
+        offset = np.array(stand) - o.centre[:2]
+        distance = np.einsum("ni,ij,nj->n", offset, np.linalg.inv(covariance), offset)
+        assert np.mean(distance < 4.605) == pytest.approx(0.9, abs=0.03)
+
+
+def test_of_one_draw_the_spread_is_unknown() -> None:
+    seen = [[item("couch"), item("table", 1.5)], [item("couch", 0.1), item("table", 1.6)]]
+    first, second = (layout_of([n], turned_round=False, objects=seen[n]) for n in range(2))
+    alone = covariances_about(first, [first], seen=seen, standing=seen)
+    assert alone.shape == (2, 2, 2)
+    assert np.isnan(alone).all()
+    both = covariances_about(first, [first, second], seen=seen, standing=seen)
+    np.testing.assert_allclose(both, [[[0.005, 0.0], [0.0, 0.0]]] * 2, atol=1e-12)
 
 
 @pytest.mark.parametrize(
