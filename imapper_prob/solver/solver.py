@@ -151,7 +151,7 @@ class Solution:
     distances : (L, L) float
         Distances between the motions of scenelets, metres.
     fits : Fits
-        Fits of every scenelet in every window, which the sampler uses as candidates.
+        Fits of every scenelet in every window.
 
     Examples
     --------
