@@ -18,6 +18,7 @@ import errno
 import getpass
 import hashlib
 import json
+import math
 import os
 import shutil
 import socket
@@ -29,6 +30,8 @@ from pathlib import Path
 from typing import Any, Final
 from uuid import uuid4
 
+import numpy as np
+
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.text import readable
 
@@ -39,7 +42,7 @@ except ImportError:  # systems without such locks exclude nobody
 
 __all__ = [
     "folder_held", "folder_published", "require_intact", "require_own", "require_writable",
-    "written_whole",
+    "without_nan", "written_whole",
 ]  # fmt: skip
 
 _MANIFEST: Final = "manifest.json"
@@ -85,6 +88,28 @@ def written_whole(path: Path) -> Iterator[Path]:
     finally:
         beside.unlink(missing_ok=True)
     _note(path)
+
+
+def without_nan(value: Any) -> Any:
+    """Replace numbers that JSON cannot represent by ``None``.
+
+    Parameters
+    ----------
+    value : object
+        Dictionaries, sequences, text and numbers.
+
+    Returns
+    -------
+    object
+        The same structure; sequences are lists.
+    """
+    if isinstance(value, dict):
+        return {key: without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_nan(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
 
 
 @contextmanager

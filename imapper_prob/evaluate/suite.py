@@ -36,9 +36,9 @@ from imapper_prob.evaluate.score import (
     score,
     summarise,
 )
-from imapper_prob.evaluate.tables import as_json, commit, without_nan
+from imapper_prob.evaluate.tables import as_json, commit
 from imapper_prob.evaluate.truth import TruthInView
-from imapper_prob.files import written_whole
+from imapper_prob.files import without_nan, written_whole
 from imapper_prob.memory import require_feasible
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip

@@ -24,6 +24,7 @@ from imapper_prob.evaluate.probability import PosteriorScore
 from imapper_prob.evaluate.regions import Coverage
 from imapper_prob.evaluate.score import SUBSETS, Difference, Score, Summary
 from imapper_prob.evaluate.truth import Outline, TruthInView
+from imapper_prob.files import without_nan
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.text import in_markdown
 from imapper_prob.plotting import category_colour
@@ -43,7 +44,6 @@ __all__ = [
     "posterior_rows",
     "screen_table",
     "top_view_figure",
-    "without_nan",
 ]
 
 
@@ -346,27 +346,6 @@ def as_json(scores: Sequence[Score], summary: Summary) -> dict[str, Any]:
     ]
     cleaned: dict[str, Any] = without_nan(document)
     return cleaned
-
-
-def without_nan(value: Any) -> Any:
-    """The value with ``None`` for numbers that JSON cannot represent.
-
-    Parameters
-    ----------
-    value : object
-        Any value that JSON can hold.
-
-    Returns
-    -------
-    object
-    """
-    if isinstance(value, dict):
-        return {key: without_nan(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [without_nan(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
 
 
 # ------------------------------------------------------------------------------------------------

@@ -29,6 +29,7 @@ from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.text import counted
 from imapper_prob.plotting import category_colour
+from imapper_prob.results.scenes_file import object_to_json
 from imapper_prob.solver.actors import Solved, SolvedScene
 from imapper_prob.solver.candidates import Candidate, Fate, MaximumTable, Shortlisted
 from imapper_prob.solver.combinations import state_of
@@ -90,24 +91,12 @@ def _scene(solved: Solved, scene: SolvedScene) -> dict[str, Any]:
         "log_posterior": scene.log_posterior,
         "camera": asdict(scene.camera),
         "objects": [
-            {**_object(o), "found_by": [names[k] for k in users]}
+            {**object_to_json(o), "found_by": [names[k] for k in users]}
             for o, users in zip(scene.objects, scene.users, strict=True)
         ],
         "actors": [
             {"name": name, "scenelets": _scenelets(actor, state)}
             for name, actor, state in zip(names, solved.actors, scene.states, strict=True)
-        ],
-    }
-
-
-def _object(o: SceneObject) -> dict[str, Any]:
-    return {
-        "label": o.label,
-        "position": [o.placement.x, o.placement.y],
-        "yaw": o.placement.yaw,
-        "cuboids": [
-            {"part": c.part, "centre": c.centre.tolist(), "size": c.size.tolist()}
-            for c in o.cuboids
         ],
     }
 
