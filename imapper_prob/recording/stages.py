@@ -45,6 +45,8 @@ __all__ = ["charness_curves", "stage_views", "write_stages"]
 Array = NDArray[np.float64]
 Curve = tuple[NDArray[np.int64], Array]
 """Frame numbers and values."""
+_APPLICATION = "imapper-prob-stages"
+"""Name under which the viewer stores its settings."""
 _BACKGROUND = (18, 20, 25)
 _AIR = 0.5
 """Metres of floor shown around its content."""
@@ -77,7 +79,6 @@ def write_stages(
     camera: Camera,
     stages: Sequence[StageView],
     charness: Mapping[str, Curve],
-    application_id: str = "imapper-prob-stages",
 ) -> None:
     """Write one ``.rrd`` file, including its layout of views; an existing file is replaced.
 
@@ -91,11 +92,9 @@ def write_stages(
         In order; at least one.
     charness : mapping of str to (frames, values)
         Curves by name of the actor.
-    application_id : str
-        Name under which the viewer stores its settings.
     """
     recording = rr.RecordingStream(
-        application_id,
+        _APPLICATION,
         recording_id=_digest(clip, stages),
         # The start time is a property; without properties, equal solutions make equal recordings.
         send_properties=False,

@@ -313,6 +313,12 @@ def solve_chain(information: Array, pull: Array, walk: Array) -> Array:
     return result
 
 
+_STEPS: Final = 12
+"""Largest number of steps at the true pixel scale; chosen."""
+_GAIN: Final = 1e-3
+"""Gain of a step at the true pixel scale, nats, below which the fit ends; chosen."""
+
+
 def fit_motion(
     observations: Observations,
     start: Motion,
@@ -320,8 +326,6 @@ def fit_motion(
     *,
     free_bones: bool,
     annealing: Sequence[float],
-    steps: int = 12,
-    tolerance: float = 1e-3,
 ) -> Motion:
     """Gauss-Newton with step halving; the robust scale is annealed from wide to its true value.
 
@@ -337,10 +341,6 @@ def fit_motion(
         Whether bones are unknowns, or only the pelvis.
     annealing : sequence of float
         Factors on the pixel scale, one step for each.
-    steps : int
-        Largest number of further steps at factor 1.
-    tolerance : float
-        Nats; the fit ends when a step at factor 1 gains less.
 
     Returns
     -------
@@ -349,7 +349,7 @@ def fit_motion(
     weight = settings.frame_weight(observations.fps)
     walk = _walk_precision(settings, observations.fps, free_bones=free_bones)
     motion = start
-    for factor in (*annealing, *(1.0,) * steps):
+    for factor in (*annealing, *(1.0,) * _STEPS):
         scale = settings.pixel_scale * factor
         information, pull = evidence(
             observations, motion, settings, pixel_scale=scale, free_bones=free_bones
@@ -377,6 +377,6 @@ def fit_motion(
             if gain >= 0:
                 motion = candidate
                 break
-        if factor == 1.0 and gain < tolerance:
+        if factor == 1.0 and gain < _GAIN:
             break
     return motion

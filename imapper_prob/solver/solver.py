@@ -39,7 +39,7 @@ from imapper_prob.solver.candidates import (
 )
 from imapper_prob.solver.combinations import Combinations, combine, groups_of, search, state_of
 from imapper_prob.solver.detections import own_detections
-from imapper_prob.solver.fits import Fits, FitSettings, best_fits, fit_windows, free_pose_cost
+from imapper_prob.solver.fits import Fits, best_fits, fit_windows, free_pose_cost
 from imapper_prob.solver.poses import FrameTable
 from imapper_prob.solver.published import combine_published, filter_published
 from imapper_prob.solver.selection import published_objects, selected_objects
@@ -58,8 +58,8 @@ __all__ = [
 
 _NEARBY = 1.6
 """Seconds between starts within which scenelets are nearby, about the length of a scenelet."""
-_KEPT, _TRIED = 3, 64
-"""Candidates per maximum, and combinations evaluated; fewer than for the best scene."""
+_TRIED: Final = 64
+"""Combinations evaluated for each further scene, fewer than for the best one; chosen."""
 
 
 def diverse_scenes(
@@ -91,7 +91,7 @@ def diverse_scenes(
         used = np.concatenate([scene.items for scene in scenes])
         near = _NEARBY * solution.clip.fps
         left = [c for c in solution.candidates if not _nearby(c, used, near)]
-        groups = groups_of(left, solution.curve, kept=_KEPT)
+        groups = groups_of(left, solution.curve)
         tried, _ = search(problem, groups, tried=_TRIED)
         if not tried[0].members:
             break
@@ -326,7 +326,7 @@ def fit_clip(
         problem,
         path,
         fps=clip.fps,
-        settings=FitSettings(device=settings.device),
+        device=settings.device,
         progress=progress,
     )
     problem = problem._replace(free_cost=free_pose_cost(problem, fits))
