@@ -124,7 +124,7 @@ def scores(folder: Path) -> dict[str, Score]:
     settings = Settings(model=ModelSettings(energy="paper"))
     fitted = fit_clip(known.clip, library, settings=settings)
     for name, variant in published_variants(fitted.problem).items():
-        best = solve_published(known.clip, replace(fitted, problem=variant))[2].states[0]
+        best = solve_published(known.clip, replace(fitted, problem=variant)).combinations.states[0]
         source = StoredSource(
             known.clip,
             library,

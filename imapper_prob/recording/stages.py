@@ -216,6 +216,7 @@ def stage_views(solved: Solved) -> tuple[StageView, ...]:
     judged = [[r.candidate for t in a.shortlists for r in t.rows] for a in actors]
     best_of_kind = [_best_of_kind(candidates) for candidates in judged]
     kept = [a.combinations.pool for a in actors]
+    by = "published energy" if actors[0].problem.of_paper else "full log-posterior"
     together = [
         state_of(a.problem, [a.combinations.pool[k] for k in a.combinations.tried[0].members])
         for a in actors
@@ -225,8 +226,7 @@ def stage_views(solved: Solved) -> tuple[StageView, ...]:
         StageView(
             "Candidates judged",
             f"{sum(map(len, judged))} fits at {sum(len(a.shortlists) for a in actors)} maxima of "
-            "charness, judged by the full log-posterior. Shown is the best of each kind of "
-            "furniture.",
+            f"charness, judged by the {by}. Shown is the best of each kind of furniture.",
             _furniture(actors, best_of_kind),
             alone,
         ),

@@ -225,15 +225,16 @@ def _in_words(solved: Solved) -> dict[str, str]:
         found = actor.combinations
         judged = sum(len(t.rows) for t in actor.shortlists)
         kept = sum(r.fate is Fate.KEPT for t in actor.shortlists for r in t.rows)
+        candidates = (
+            f"{len(actor.curve.maxima)} maxima of charness; {judged} candidates there, {kept} kept"
+        )
         words |= {
             f"{name}static path": "frames: " + ", ".join(f"{n} {k}" for k, n in frames.items()),
             f"{name}fitting scenelets": (
                 f"{len(actor.library)} scenelets in {len(actor.fits.centres)} windows"
             ),
-            f"{name}judging candidates": (
-                f"{len(actor.curve.maxima)} maxima of charness; {judged} candidates there, "
-                f"{kept} kept"
-            ),
+            f"{name}judging candidates": candidates,
+            f"{name}filtering candidates": candidates,
             f"{name}combining": (
                 f"{len(found.tried)} combinations tried: "
                 + ("all there are" if found.complete else "pruned, the best by score first")
