@@ -299,7 +299,9 @@ def test_only_its_own_stages_run_and_are_shown() -> None:
     problem, path = worlds.problem(30, settings=PAPER), worlds.path_of(worlds.walk(30))
     clip, library = worlds.clip_of(worlds.walk(30), np.random.default_rng(0)), worlds.library()
     fits = fit_windows(problem, path, fps=10.0, squared=True)
-    frames = FrameTable.unexamined(problem.used.sum(1))
+    frames = FrameTable(
+        (PoseSource.OWN,) * 30, problem.used.sum(1), np.full(30, np.nan), np.zeros(30, bool)
+    )
     fitted = Fitted(
         path, frames, worlds.camera_prior(), problem, fits, np.ones(3), np.zeros((3, 3))
     )
