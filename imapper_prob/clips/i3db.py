@@ -19,7 +19,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from imapper_prob.clips.assemble import HEAT_GAIN, HEAT_OFFSET
 from imapper_prob.clips.furniture import MeasuredBox, upright_object
+from imapper_prob.clips.options import NOMINAL_ELEVATION
 from imapper_prob.clips.parsing import (
     field,
     frame_number,
@@ -65,13 +67,8 @@ _FRAME_RATE: Final = 10.0
 """Frames a second if ``video_params.json`` does not say."""
 _NOMINAL_PITCH: Final = np.deg2rad(-4.0)
 """Mean pitch of the benchmark's cameras in radians; the files' ``ground_rot`` is 0 and wrong."""
-_NOMINAL_ELEVATION: Final = 1.5
-"""Camera height in metres: on a tripod or held at chest height."""
 _RAW_CONFIDENCE_LIMIT: Final = 0.05
 """Largest confidence below which a file holds raw heat values; its own flag is unreliable."""
-_RAW_CONFIDENCE_GAIN: Final = 5000.0
-_RAW_CONFIDENCE_OFFSET: Final = -9.5
-"""Logistic map from heat values of convolutional pose machines to confidences."""
 
 
 def read_i3db(folder: str | Path) -> Clip:
@@ -265,7 +262,7 @@ def _camera(path: Path) -> Camera:
             cx=float(matrix[0, 2]),
             cy=float(matrix[1, 2]),
             pitch=float(_NOMINAL_PITCH),
-            elevation=_NOMINAL_ELEVATION,
+            elevation=NOMINAL_ELEVATION,
         )
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -297,7 +294,7 @@ def _confidences(path: Path, data: Any, frames: list[int]) -> dict[int, Array]:
             value = entry.get(str(joint)) if isinstance(entry, Mapping) else None
             row[joint] = numbers(value, shape=(), place=place)
     if table.max() <= _RAW_CONFIDENCE_LIMIT:
-        heat = _RAW_CONFIDENCE_GAIN * table + _RAW_CONFIDENCE_OFFSET
+        heat = HEAT_GAIN * table + HEAT_OFFSET
         mapped = 1 / (1 + np.exp(-heat))
         mapped[table < 0] = 0
         mapped[:, [j for j in range(N_JOINTS) if j not in DETECTED]] = 0

@@ -19,7 +19,16 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.scene import Placement, SceneObject
 from imapper_prob.models.scenelet import Library, Scenelet
-from imapper_prob.models.skeleton import DETECTED, LANK, PELV, RANK, blend_poses, facing, turned
+from imapper_prob.models.skeleton import (
+    DETECTED,
+    LANK,
+    PELV,
+    RANK,
+    blend_poses,
+    facing,
+    minimum_jerk,
+    turned,
+)
 
 __all__ = [
     "Gait",
@@ -315,13 +324,6 @@ CORNER: Final = 0.35
 """Length in metres over which a corner of the path is rounded."""
 
 
-def _minimum_jerk(progress: ArrayLike) -> Array:
-    """Minimum-jerk position (Flash and Hogan 1985): 0 to 1, constant outside that progress."""
-    s = np.clip(np.asarray(progress, float), 0.0, 1.0)
-    position: Array = s**3 * (10 - 15 * s + 6 * s**2)
-    return position
-
-
 @dataclass(frozen=True)
 class Gait:
     """One walking cycle as a function of distance.
@@ -480,7 +482,7 @@ def _settled(first: Array, last: Array, turn: Array, n_frames: int) -> Array:
 
     The pelvis follows a parabola whose control point is ``turn`` (2,).
     """
-    weight = _minimum_jerk(np.arange(1, n_frames + 1) / (n_frames + 1))
+    weight = minimum_jerk(np.arange(1, n_frames + 1) / (n_frames + 1))
     yaw_change = float(np.angle(np.exp(1j * (facing(last) - facing(first)))))
     # Both poses are rotated to the same yaw before blending, and the yaw is interpolated
     # separately.

@@ -7,7 +7,7 @@ So furniture found from one actor is in the same world frame for all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from itertools import combinations
@@ -35,6 +35,7 @@ from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import CameraSettings, Settings
 from imapper_prob.models.skeleton import LANK, LKNE, PELV, RANK, RKNE, THRX
+from imapper_prob.progress import Progress
 from imapper_prob.solver.camera_prior import estimate_camera
 from imapper_prob.solver.candidates import refine
 from imapper_prob.solver.combinations import polish, state_of
@@ -55,7 +56,6 @@ __all__ = [
     "solved",
 ]
 
-Progress = Callable[[str, float], None]
 _SHARED, _BODY = [0, 1, 2, 4], 3
 """Indices in a camera prior: the camera's parameters, and the body scale of each actor."""
 

@@ -31,6 +31,7 @@ from imapper_prob.models.log_posterior import (
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.text import Listed, brief
 from imapper_prob.models.view import to_floor, to_view
+from imapper_prob.progress import Progress
 from imapper_prob.solver.fits import Fits
 
 __all__ = [
@@ -206,7 +207,6 @@ def _stands_out(values: Array, window: int) -> bool:
 # ------------------------------------------------------------------------------------------------
 # Evaluation and refinement.
 
-Progress = Callable[[str, float], None]
 _EACH_KIND: Final = 3
 """Fits of each kind of furniture that are evaluated per window; chosen."""
 _WORTH: Final = 20.0

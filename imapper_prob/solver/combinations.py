@@ -47,6 +47,7 @@ from imapper_prob.models.log_posterior import (
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.text import Listed, brief
 from imapper_prob.models.view import to_floor, to_view
+from imapper_prob.progress import Progress
 from imapper_prob.solver.candidates import (
     Candidate,
     CharnessCurve,
@@ -215,7 +216,6 @@ def polish(problem: Problem, state: State) -> State:
 # best scenes are refined, and in the best one candidates are exchanged
 # (:mod:`imapper_prob.solver.sequences`).
 
-Progress = Callable[[str, float], None]
 _KEPT: Final = 3
 """Candidates per maximum (Monszpart et al. 2019), each of another kind of furniture."""
 _TRIED: Final = 1024

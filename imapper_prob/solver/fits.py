@@ -8,7 +8,6 @@ published energy it uses squared residuals times confidence, its L_r.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -24,6 +23,7 @@ from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import PELV, THRX, facing
 from imapper_prob.models.text import brief
 from imapper_prob.models.view import to_floor
+from imapper_prob.progress import Progress
 
 if TYPE_CHECKING:
     from imapper_prob.solver.window_fits import WindowFitter
@@ -74,7 +74,7 @@ def fit_windows(
     fps: float,
     device: str = "cpu",
     squared: bool = False,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Fits:
     """Fit all scenelets to all windows at the mean of the camera prior.
 
@@ -128,7 +128,7 @@ def _fit_windows(
     fps: float,
     screening: WindowFitter,
     fitting: WindowFitter,
-    progress: Callable[[str, float], None] | None,
+    progress: Progress | None,
 ) -> Fits:
     n_frames = problem.n_frames
     centres = np.arange(0, n_frames, max(1, round(_STRIDE * fps)))

@@ -23,7 +23,7 @@ from scipy.linalg import solveh_banded
 
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.detector import REFERENCE_SIDE, student_t_loss
-from imapper_prob.models.settings import StaticPathSettings
+from imapper_prob.models.settings import NEAREST, StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.solver.poses import ANCESTORS, N_BONES, SPREADS, LiftedBody
 
@@ -39,8 +39,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-_NEAREST: Final = 0.1
-"""Least depth of a joint in metres, so that its projection is finite."""
 REFERENCE_RATE: Final = 10.0
 """Frames per second to which step sizes refer."""
 _BRANCHES: Final[Array] = ANCESTORS[list(DETECTED)]
@@ -146,7 +144,7 @@ def pixel_residuals(observations: Observations, motion: Motion) -> Array:
         Pixels of the image.
     """
     camera, joints = observations.camera, _joints(motion)
-    depth = np.maximum(joints[..., 1], _NEAREST)
+    depth = np.maximum(joints[..., 1], NEAREST)
     projected = np.stack(
         [camera.cx + camera.fx * joints[..., 0] / depth,
          camera.cy - camera.fy * joints[..., 2] / depth], -1
@@ -159,7 +157,7 @@ def _pixel_jacobian(observations: Observations, motion: Motion, *, free_bones: b
     """(T, 28, 3 or 45) derivatives of the projections by the unknowns of their frame."""
     camera, joints = observations.camera, _joints(motion)
     n_frames, n_joints = joints.shape[:2]
-    depth = np.maximum(joints[..., 1], _NEAREST)
+    depth = np.maximum(joints[..., 1], NEAREST)
     by_joint = np.zeros((n_frames, n_joints, 2, 3))
     by_joint[..., 0, 0] = camera.fx / depth
     by_joint[..., 0, 1] = -camera.fx * joints[..., 0] / depth**2

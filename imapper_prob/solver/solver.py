@@ -26,6 +26,7 @@ from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import Settings
 from imapper_prob.models.text import Listed, brief
+from imapper_prob.progress import Progress
 from imapper_prob.scenelets.charness import charness, motion_distances
 from imapper_prob.solver.camera_prior import estimate_camera, find_stays
 from imapper_prob.solver.candidates import (
@@ -41,7 +42,7 @@ from imapper_prob.solver.combinations import Combinations, combine, groups_of, s
 from imapper_prob.solver.detections import own_detections
 from imapper_prob.solver.fits import Fits, best_fits, fit_windows, free_pose_cost
 from imapper_prob.solver.poses import FrameTable
-from imapper_prob.solver.published import combine_published, filter_published
+from imapper_prob.solver.published import NEARBY, combine_published, filter_published
 from imapper_prob.solver.selection import published_objects, selected_objects
 from imapper_prob.solver.static_path import examine_frames, examine_published
 
@@ -58,8 +59,6 @@ __all__ = [
     "solve_published",
 ]
 
-_NEARBY = 1.6
-"""Seconds between starts within which scenelets are nearby, about the length of a scenelet."""
 _TRIED: Final = 64
 """Combinations evaluated for each further scene, fewer than for the best one; chosen."""
 
@@ -91,7 +90,7 @@ def diverse_scenes(
     scenes, problem = [first], solution.problem
     while len(scenes) < count:
         used = np.concatenate([scene.items for scene in scenes])
-        near = _NEARBY * solution.clip.fps
+        near = NEARBY * solution.clip.fps
         left = [c for c in solution.candidates if not _nearby(c, used, near)]
         groups = groups_of(left, solution.curve)
         tried, _ = search(problem, groups, tried=_TRIED)
@@ -111,7 +110,6 @@ def _nearby(candidate: Candidate, used: np.ndarray, frames: float) -> bool:
 # ------------------------------------------------------------------------------------------------
 # The stages.
 
-Progress = Callable[[str, float], None]
 _PUBLISHED = MaximaSettings(most=5)
 """The paper uses at most five maxima of charness per clip."""
 _LEAST_CHARNESS = 0.01

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.settings import NEAREST
 
 __all__ = ["SquaredWindowFitter", "WindowFitter", "device_named", "one_thread"]
 
@@ -172,7 +173,7 @@ class WindowFitter:
         lx, ly, lz = joints[..., 0], joints[..., 1], joints[..., 2] - float(elevation)
         turned_x, turned_y = c * lx - s * ly, s * lx + c * ly
         x, y = turned_x + bearing * distance, turned_y + distance
-        depth = (cp * y + sp * lz).clamp(min=0.1)
+        depth = (cp * y + sp * lz).clamp(min=NEAREST)
         up = -sp * y + cp * lz
         du = problem.cx + fx * x / depth - target[..., 0]
         dv = problem.cy - fy * up / depth - target[..., 1]
