@@ -291,10 +291,14 @@ def charness(library: Library, distances: Array) -> Array:
     return largest
 
 
+_EVEN: Final = 0.1
+"""Part of the probability of a proposal that is spread evenly; chosen."""
+
+
 def similarity(distances: Array) -> Array:
     """(L, L) rows of probabilities of proposing another scenelet instead of one.
 
-    A tenth is spread evenly, so that every exchange is possible; the rest follows the kernel.
+    A part is spread evenly, so that every exchange is possible; the rest follows the kernel.
 
     Parameters
     ----------
@@ -312,7 +316,7 @@ def similarity(distances: Array) -> Array:
     np.fill_diagonal(others, np.inf)
     kernel = _kernel(others)
     even = (1.0 - np.eye(n)) / (n - 1)
-    rows: Array = 0.9 * kernel / kernel.sum(1, keepdims=True) + 0.1 * even
+    rows: Array = (1 - _EVEN) * kernel / kernel.sum(1, keepdims=True) + _EVEN * even
     return rows
 
 

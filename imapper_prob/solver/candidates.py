@@ -395,6 +395,13 @@ def along_the_ray(problem: Problem, frame: int, placement: Array) -> tuple[Array
     return placement * [np.exp(size), np.exp(size), 1.0], size
 
 
+_SPREAD: Final = np.array([0.02, 0.05, 0.15, 0.05])
+"""First steps of a refinement in bearing, log depth, yaw (rad), and log size at constant apparent
+size; chosen, about the error of a fit."""
+_EVALUATIONS: Final = 90
+"""Evaluations of the log-posterior to refine one scenelet; chosen."""
+
+
 def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None) -> State:
     """Optimise placements and sizes under the full posterior, one scenelet at a time (Nelder-Mead).
 
@@ -409,8 +416,6 @@ def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None)
     -------
     State
     """
-    # For bearing, log depth, yaw, and log size at constant apparent size.
-    step = np.array([0.02, 0.05, 0.15, 0.05])
     for index in range(state.n_scenelets) if only is None else only:
         value = log_posterior_near(problem, state)
         start = to_view(state.placements[index], state.sizes[index])
@@ -420,12 +425,12 @@ def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None)
             placement, size = to_floor(theta + np.array([0.0, 0.0, 0.0, theta[1]]))
             return state.with_placement(index, placement, float(size))
 
-        simplex = start + np.vstack([np.zeros(4), np.diag(step)])
+        simplex = start + np.vstack([np.zeros(4), np.diag(_SPREAD)])
         result = minimize(
             lambda theta, placed=placed, value=value: -value(placed(theta)),
             start,
             method="Nelder-Mead",
-            options={"maxfev": 90, "initial_simplex": simplex},
+            options={"maxfev": _EVALUATIONS, "initial_simplex": simplex},
         )
         state = placed(result.x)
     return state

@@ -161,6 +161,7 @@ _STEP = 0.02
 _NOWHERE = 1e6
 """Cost in nats of a state outside the support, because the optimiser needs finite values."""
 _ITERATIONS = 40
+"""Largest number of L-BFGS iterations; chosen."""
 _FAR = 20.0
 """Largest log depth (log m) of the search, which is outside the support."""
 

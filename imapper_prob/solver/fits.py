@@ -39,6 +39,8 @@ _FRAME_STEP: Final = 2
 _SCREENING_FRAME_STEP: Final = 4
 """Every how many frames of a scenelet are compared in the final fit and while screening; chosen:
 neighbouring frames are redundant."""
+_LEAST_DEPTH: Final = 0.3
+"""Least distance in metres at which a search starts; chosen, nearer than anybody is filmed."""
 _SCREENING_STEPS: Final = 3
 _STEPS: Final = 6
 """Gauss-Newton steps from each yaw, and then from the best one; chosen."""
@@ -151,7 +153,7 @@ def _fit_windows(
             continue
         # The pelvis is at the local origin in the centre frame, so the search starts below the
         # path's.
-        depth = max(pelvis[1], 0.3)
+        depth = max(pelvis[1], _LEAST_DEPTH)
         theta = np.tile([pelvis[0] / depth, np.log(depth), yaw], (4, len(index), 1))
         theta[..., 2] += np.arange(4)[:, None] * (np.pi / 2)
         theta, rough = screening(centre, index, theta, _SCREENING_STEPS)

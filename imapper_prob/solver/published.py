@@ -57,6 +57,7 @@ Flags = NDArray[np.bool_]
 _WINSORISED: Final = 0.05
 """Share of velocities that a Winsorisation clips (Monszpart et al. 2019, section 6)."""
 _STEPS: Final = 40
+"""Largest number of Gauss-Newton steps of the static path; chosen."""
 _LEAST_GAIN: Final = 1e-9
 """Least gain in energy of a step after which the fit continues."""
 _STEADY: Final = 1e-9
