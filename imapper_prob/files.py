@@ -70,6 +70,10 @@ def disk_errors_named(path: Path) -> Iterator[None]:
     path : Path
         File or folder that is written.
 
+    Yields
+    ------
+    None
+
     Raises
     ------
     InputError
