@@ -18,6 +18,7 @@ import errno
 import getpass
 import hashlib
 import json
+import math
 import os
 import shutil
 import socket
@@ -29,6 +30,8 @@ from pathlib import Path
 from typing import Any, Final
 from uuid import uuid4
 
+import numpy as np
+
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.text import readable
 
@@ -38,8 +41,8 @@ except ImportError:  # systems without such locks exclude nobody
     fcntl = None  # type: ignore[assignment]
 
 __all__ = [
-    "folder_held", "folder_published", "require_intact", "require_own", "require_writable",
-    "written_whole",
+    "disk_errors_named", "folder_held", "folder_published", "require_intact", "require_own",
+    "require_writable", "without_nan", "written_whole",
 ]  # fmt: skip
 
 _MANIFEST: Final = "manifest.json"
@@ -56,6 +59,30 @@ _NO_LOCKS: Final = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)
 """Errors of network drives without locks, on which nobody is excluded."""
 _NO_FLUSH: Final = (errno.EINVAL, errno.ENOTSUP, errno.EACCES, errno.EBADF)
 """Errors of file systems that cannot flush folders."""
+
+
+@contextmanager
+def disk_errors_named(path: Path) -> Iterator[None]:
+    """Turn errors of the disk into input errors that name the path.
+
+    Parameters
+    ----------
+    path : Path
+        File or folder that is written.
+
+    Yields
+    ------
+    None
+
+    Raises
+    ------
+    InputError
+        The system refuses.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
 
 
 @contextmanager
@@ -87,6 +114,28 @@ def written_whole(path: Path) -> Iterator[Path]:
     _note(path)
 
 
+def without_nan(value: Any) -> Any:
+    """Replace numbers that JSON cannot represent by ``None``.
+
+    Parameters
+    ----------
+    value : object
+        Dictionaries, sequences, text and numbers.
+
+    Returns
+    -------
+    object
+        The same structure; sequences are lists.
+    """
+    if isinstance(value, dict):
+        return {key: without_nan(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_nan(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value
+
+
 @contextmanager
 def folder_held(folder: Path) -> Iterator[Path]:
     """Lock a folder, made if necessary, so that no other process writes to it.
@@ -108,14 +157,14 @@ def folder_held(folder: Path) -> Iterator[Path]:
     InputError
         Another process holds the folder, or a file operation fails.
     """
-    with _told(folder):
+    with disk_errors_named(folder):
         folder = _resolved(folder)
         made = _make(folder)
     try:
-        with _told(folder):
+        with disk_errors_named(folder):
             descriptor = _lock(folder)
         try:
-            with _told(folder):
+            with disk_errors_named(folder):
                 _settle(folder)
             yield folder
         finally:
@@ -149,7 +198,7 @@ def folder_published(folder: Path, *, names: Collection[str]) -> Iterator[Path]:
         A file operation fails. The folder is unchanged, or the next process that holds it completes
         it.
     """
-    with _told(folder):
+    with disk_errors_named(folder):
         folder = _resolved(folder)
         made = _make(folder)
         stage = folder / _STAGE
@@ -271,7 +320,7 @@ def require_writable(folder: Path) -> None:
     InputError
         The folder, or its nearest existing parent, is not writable.
     """
-    with _told(folder):
+    with disk_errors_named(folder):
         there = _resolved(folder)
         while not there.exists():
             there = there.parent
@@ -279,14 +328,6 @@ def require_writable(folder: Path) -> None:
         raise InputError(f"{folder}: {there} is a file; name another folder")
     if not os.access(there, os.W_OK):
         raise InputError(f"{folder}: {there} is not writable; name another folder")
-
-
-@contextmanager
-def _told(folder: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
 
 
 def _resolved(folder: Path) -> Path:

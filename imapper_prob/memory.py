@@ -144,6 +144,10 @@ def _require_short(clip: Clip) -> None:
     )
 
 
+_SHORTER: Final = 0.9
+"""Factor between lengths of a clip that are tried when the whole does not fit; chosen."""
+
+
 def _require_memory(clip: Clip, library: Library, settings: SampleSettings | None) -> None:
     people, there = len(clip.tracks), memory_there()
     needed = memory_needed(people * clip.n_frames, len(library), settings)
@@ -151,7 +155,7 @@ def _require_memory(clip: Clip, library: Library, settings: SampleSettings | Non
         return
     fits = clip.n_frames
     while fits > 1 and memory_needed(people * fits, len(library), settings) > there:
-        fits = int(0.9 * fits)
+        fits = int(_SHORTER * fits)
     cure = "end other programs, or take a machine that has more"
     if fits >= SHORTEST_CLIP:
         part = _first_frames(clip, fits)

@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from imapper_prob.evaluate.prediction import Prediction, prediction_of_state
+from imapper_prob.evaluate.prediction import Prediction, prediction_of_scene
 from imapper_prob.evaluate.score import (
     SUBSETS,
     KnownScene,
@@ -41,9 +41,10 @@ from imapper_prob.evaluate.score import (
 from imapper_prob.evaluate.tables import object_rows, pose_rows, screen_table
 from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.models.kernels.visibility import visibility_probability
+from imapper_prob.models.log_posterior import State, state_camera
 from imapper_prob.models.path_prior import StaticPath
 from imapper_prob.models.problem import Problem, labels_of
-from imapper_prob.models.scene import Clip
+from imapper_prob.models.scene import Clip, Scene
 from imapper_prob.models.settings import (
     NOTHING_IN_SIGHT,
     CameraSettings,
@@ -59,9 +60,31 @@ from imapper_prob.solver.camera_prior import estimate_camera
 from imapper_prob.solver.candidates import charness_curve, screen
 from imapper_prob.solver.combinations import combine
 from imapper_prob.solver.fits import best_fits
+from imapper_prob.solver.limbs import limbs_of
 from imapper_prob.solver.solver import fit_clip, method_of, solve_published
 from imapper_prob.solver.static_path import estimate_static_path
-from imapper_prob.uncertainty.stored import StoredSource
+from imapper_prob.uncertainty.stored import Source, StoredSource
+
+
+def prediction_of_state(source: Source, state: State, *, name: str) -> Prediction:
+    """The prediction of a state, with the objects that the method of its problem reports.
+
+    Parameters
+    ----------
+    source : Source
+    state : State
+    name : str
+        Name of the method.
+
+    Returns
+    -------
+    Prediction
+    """
+    camera = state_camera(source.clip.camera, state)
+    joints = limbs_of(source.problem, state, camera).joints
+    objects = method_of(source.problem).objects(source.problem, source.library, state)
+    scene = Scene(camera, objects, joints, (), 0.0)
+    return prediction_of_scene(scene, name=name, people=len(source.clip.tracks))
 
 
 def without_sight(problem: Problem) -> Problem:
@@ -124,7 +147,7 @@ def scores(folder: Path) -> dict[str, Score]:
     settings = Settings(model=ModelSettings(energy="paper"))
     fitted = fit_clip(known.clip, library, settings=settings)
     for name, variant in published_variants(fitted.problem).items():
-        best = solve_published(known.clip, replace(fitted, problem=variant))[2].states[0]
+        best = solve_published(known.clip, replace(fitted, problem=variant)).combinations.states[0]
         source = StoredSource(
             known.clip,
             library,

@@ -55,7 +55,7 @@ from imapper_prob.scenelets.charness import charness, motion_distances
 from imapper_prob.scenelets.library import built_in_library
 from imapper_prob.simulate.clips import NOMINAL_CAMERA
 from imapper_prob.solver.fits import fit_windows
-from imapper_prob.solver.poses import FrameTable
+from imapper_prob.solver.poses import FrameTable, PoseSource
 from imapper_prob.solver.solver import Fitted, Solution, solve_fitted
 from lab.kept import digest
 from lab.prior import Experiment, draw_state
@@ -180,7 +180,11 @@ def _solve_given(experiment: Experiment) -> Solution:
     problem, clip, library = experiment.problem, experiment.clip, experiment.library
     distances = motion_distances(library)
     fits = fit_windows(problem, experiment.path, fps=clip.fps)
-    frames = FrameTable.unexamined(problem.used.sum(1))
+    n_frames = problem.n_frames
+    frames = FrameTable(
+        (PoseSource.OWN,) * n_frames, problem.used.sum(1), np.full(n_frames, np.nan),
+        np.zeros(n_frames, bool),
+    )  # fmt: skip
     fitted = Fitted(
         experiment.path, frames, experiment.camera, problem, fits,
         charness(library, distances), distances,

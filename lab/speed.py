@@ -84,7 +84,7 @@ from imapper_prob.scenelets.charness import (
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.scenelets.procedural.catalogue import build_library
 from imapper_prob.simulate.clips import NOMINAL_CAMERA, simulate_clip, simulate_track
-from imapper_prob.solver.fits import Fits, FitSettings, fit_windows
+from imapper_prob.solver.fits import Fits, fit_windows
 from imapper_prob.solver.solver import Solution, fit_clip, solve
 
 Array = NDArray[np.float64]
@@ -547,8 +547,7 @@ def print_fits(device: str) -> None:
     found = fit_clip(clip, library)
 
     def fits(problem: Problem, where: str) -> Fits:
-        settings = FitSettings(device=where)
-        return fit_windows(problem, found.path, fps=clip.fps, settings=settings)
+        return fit_windows(problem, found.path, fps=clip.fps, device=where)
 
     seconds, made = {}, {}
     for where in ("cpu", device):

@@ -21,7 +21,6 @@ from pathlib import Path
 import numpy as np
 
 from imapper_prob.evaluate.objects import Pair, pair_up
-from imapper_prob.evaluate.prediction import prediction_of_state
 from imapper_prob.evaluate.score import known_scene, scenes_with_truth
 from imapper_prob.evaluate.truth import Outline, outline_of
 from imapper_prob.layouts import placed_objects
@@ -31,6 +30,7 @@ from imapper_prob.solver.candidates import Candidate, assigned, refine
 from imapper_prob.solver.combinations import polish, state_of
 from imapper_prob.solver.sequences import best_sequences
 from imapper_prob.solver.solver import Solution, solve
+from lab.ablation import prediction_of_state
 
 _NEAR = 0.5
 """Metres from the true centre, half the distance that counts as found."""

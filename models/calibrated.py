@@ -17,7 +17,7 @@ from typing import Any, Final, TypeVar
 
 __all__ = [
     "FOLDS", "PATH", "Constant", "Number", "calibrated", "constants", "from_data", "parsed",
-    "table", "values_without", "with_values",
+    "values_without", "with_values",
 ]  # fmt: skip
 
 PATH: Final = Path(__file__).with_name("calibrated.toml")
@@ -127,30 +127,6 @@ def calibrated(name: str) -> float:
     value = constants()[name].value
     if isinstance(value, tuple):
         raise TypeError(f"{name} is a row of numbers")
-    return value
-
-
-def table(name: str) -> tuple[float, ...]:
-    """The values in use of a constant that is a row of numbers.
-
-    Parameters
-    ----------
-    name : str
-        Name of the constant, such as ``"detections.seen_confidence"``.
-
-    Returns
-    -------
-    tuple of float
-        Values in the constant's unit.
-
-    Raises
-    ------
-    TypeError
-        The constant is a single number.
-    """
-    value = constants()[name].value
-    if not isinstance(value, tuple):
-        raise TypeError(f"{name} is one number")
     return value
 
 

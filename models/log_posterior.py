@@ -500,11 +500,6 @@ class Incremental:
         return self._state
 
     @property
-    def evaluator(self) -> Evaluator:
-        """The evaluator, for compiled code that evaluates proposals itself."""
-        return self._evaluator
-
-    @property
     def parts(self) -> tuple[float, float]:
         """Log prior and log likelihood of the current state, see :meth:`propose`."""
         return self._parts

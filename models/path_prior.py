@@ -220,8 +220,3 @@ class CameraPrior:
             raise InputError("camera prior: covariance must be positive definite")
         object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "covariance", covariance)
-
-    @property
-    def standard_deviations(self) -> Array:
-        """(5,) standard deviations, in the units of ``mean``."""
-        return np.sqrt(np.diag(self.covariance))

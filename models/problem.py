@@ -294,7 +294,6 @@ def pack_problem(
     camera: CameraPrior,
     library: Library,
     *,
-    track: int = 0,
     settings: ModelSettings | None = None,
     detections: DetectionModel | None = None,
     weights: Array | None = None,
@@ -305,12 +304,11 @@ def pack_problem(
     Parameters
     ----------
     clip : Clip
+        Its first track is that of the actor.
     path : StaticPath
         The static path of that actor.
     camera : CameraPrior
     library : Library
-    track : int
-        Index of the actor in the clip.
     settings : ModelSettings, optional
     detections : DetectionModel, optional
     weights : (L,) float, optional
@@ -334,9 +332,9 @@ def pack_problem(
     settings = settings or ModelSettings()
     if len(path.lift) != clip.n_frames:
         raise InputError(f"clip {clip.name}: the static path has {len(path.lift)} frames")
-    seen: NDArray[np.bool_] = np.any(clip.tracks[track].confidences > 0, axis=1)
+    seen: NDArray[np.bool_] = np.any(clip.tracks[0].confidences > 0, axis=1)
     problem = Problem(
-        **_seen(clip, clip.tracks[track], path, detections or DetectionModel()),
+        **_seen(clip, clip.tracks[0], path, detections or DetectionModel()),
         **_walked(clip, path, camera, settings, starts, seen),
         **_library_arrays(clip, library, settings, weights),
         **_constants(settings, clip.fps),

@@ -339,6 +339,9 @@ PAPER_TERMS = (
     *TERMS[: PATH + 1], "reprojection", "occlusion", "smoothness", "collision", "motion", "given"
 )  # fmt: skip
 """Names of the terms of :func:`evaluate_paper`, in order; the log-posterior is their sum."""
+_REPROJECTION, _OCCLUSION, _SMOOTHNESS, _COLLISION, _MOTION = range(5)
+"""Indices in ``Problem.paper_nats``; of the terms, these come after the first `_PRIORS`."""
+_PRIORS, _GIVEN = PATH + 1, len(PAPER_TERMS) - 1
 _DETECTED = np.array(DETECTED)
 
 
@@ -425,22 +428,23 @@ def evaluate_paper(
     pose_joints(problem, cache, len(items), list_moved(cache), camera)
     copy_joints(cache, joints)
     if len(problem.given) > 0:
-        terms[9] = sum_given(problem, cache, len(items), camera)
+        terms[_GIVEN] = sum_given(problem, cache, len(items), camera)
     if problem.likelihood == 0.0:
         return terms
     boxes, turns, owner, yaws = place_boxes(problem, camera, items, placements, sizes)
     by_frame[:] = 0.0
     nats = problem.paper_nats
     _reprojection(problem, camera, joints, by_frame[:, 0])
-    if nats[1] > 0.0:
+    if nats[_OCCLUSION] > 0.0:
         _occlusion(problem, camera, joints, boxes, turns, by_frame[:, 1])
     _smoothness(problem, joints, by_frame[:, 2])
     for t in range(len(joints)):
         by_frame[t, 3] = depth_of_motion(joints, t, boxes, turns)
     for t in range(len(joints)):
-        for i in range(3):
-            terms[4 + i] -= nats[i] * by_frame[t, i]
-        terms[8] -= nats[4] * by_frame[t, 3]
-    if nats[3] > 0.0:
-        terms[7] = -nats[3] * overlaps(boxes, turns, owner, yaws, problem.merge_angle)
+        for i in (_REPROJECTION, _OCCLUSION, _SMOOTHNESS):
+            terms[_PRIORS + i] -= nats[i] * by_frame[t, i]
+        terms[_PRIORS + _MOTION] -= nats[_MOTION] * by_frame[t, 3]
+    if nats[_COLLISION] > 0.0:
+        cost = overlaps(boxes, turns, owner, yaws, problem.merge_angle)
+        terms[_PRIORS + _COLLISION] = -nats[_COLLISION] * cost
     return terms

@@ -17,9 +17,6 @@ __all__ = ["PaperEnergy", "paper_energy"]
 
 Array = NDArray[np.float64]
 
-_PRIORS = 4
-"""Number of prior terms, which come first and are not part of the published energy."""
-
 
 @dataclass(frozen=True, eq=False)
 class PaperEnergy:
@@ -76,5 +73,5 @@ def paper_energy(
         name: getattr(weights, name) * share
         for name, share in zip((n for n in names if n != "collision"), shares.T, strict=True)
     }
-    terms = dict(zip(PAPER_TERMS[_PRIORS:], (-values[_PRIORS:]).tolist(), strict=True))
-    return PaperEnergy(terms, by_frame)
+    nats = dict(zip(PAPER_TERMS, (-values).tolist(), strict=True))
+    return PaperEnergy({name: nats[name] for name in names}, by_frame)

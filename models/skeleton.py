@@ -42,6 +42,7 @@ __all__ = [
     "THRX",
     "blend_poses",
     "facing",
+    "minimum_jerk",
     "thigh_angle",
     "turned",
 ]
@@ -261,3 +262,19 @@ def blend_poses(first: ArrayLike, second: ArrayLike, weight: ArrayLike) -> Array
         size = np.linalg.norm(mean, axis=-1, keepdims=True)
         joints[..., far, :] = joints[..., near, :] + mean * length / np.maximum(size, 1e-9)
     return joints
+
+
+def minimum_jerk(progress: ArrayLike) -> Array:
+    """Minimum-jerk position (Flash and Hogan 1985): 0 to 1, constant outside that progress.
+
+    Parameters
+    ----------
+    progress : (n,) float
+
+    Returns
+    -------
+    (n,) float
+    """
+    s = np.clip(np.asarray(progress, float), 0.0, 1.0)
+    position: Array = s**3 * (10 - 15 * s + 6 * s**2)
+    return position

@@ -1,5 +1,8 @@
 """Reversible-jump MCMC: one step (choose a move, propose, accept), and chains of steps.
 
+This is the reference kernel for any target and moves. The program's chains make the same steps by a
+compiled kernel of their own, and tests compare both step by step.
+
 The acceptance probability (Green 1995, Biometrika 82(4), eq. 7) has three factors that are computed
 separately: the target density, which does not depend on moves; the proposal ratio of a move, which
 does not depend on the target; and the probability of choosing the move, which belongs to the
@@ -13,7 +16,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
@@ -50,13 +53,10 @@ class Proposal(NamedTuple, Generic[S]):
     log_ratio : float
         ``log q(reverse) - log q(forward)``, including the log Jacobian; without the target density
         and without the probability of choosing the move.
-    info : mapping, optional
-        Data that the move attaches to this proposal; it is kept in `StepInfo`.
     """
 
     state: S
     log_ratio: float
-    info: Mapping[str, object] | None = None
 
 
 class Move(Protocol[S]):
@@ -221,14 +221,11 @@ class StepInfo(NamedTuple):
     log_acceptance : float
         Log acceptance probability; -inf if the move was impossible, or if its proposal was not
         evaluated in full because it was certain to be rejected.
-    info : mapping, optional
-        Data that the move attached to the proposal.
     """
 
     move: str
     accepted: bool
     log_acceptance: float
-    info: Mapping[str, object] | None = None
 
 
 def init(log_density_fn: Callable[[S], float], state: S) -> ChainState[S]:
@@ -306,7 +303,7 @@ def step(
     )
     # P(Exponential > -log a) = a. This avoids the logarithm of a uniform number that may be 0.
     accepted = bool(rng.standard_exponential() > -log_acceptance)
-    info = StepInfo(move.name, accepted, log_acceptance, proposal.info)
+    info = StepInfo(move.name, accepted, log_acceptance)
     return (proposed if accepted else chain_state), info
 
 

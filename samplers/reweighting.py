@@ -133,14 +133,11 @@ class Bridged(Generic[S]):
         Log ratio of the normalising constants, nats.
     error : float
         Standard error of ``log_ratio``, nats.
-    powers : tuple of float
-        Power of the factor after each step; the last is 1.
     """
 
     states: tuple[S, ...]
     log_ratio: float
     error: float
-    powers: tuple[float, ...]
 
 
 def families_of(n_chains: int, n_draws: int) -> Ints:
@@ -191,7 +188,7 @@ def bridge(
     states, count = list(states), len(states)
     _, family = np.unique(np.asarray(families), return_inverse=True)
     number, factor = int(family.max()) + 1, np.array([log_factor(s) for s in states])
-    power, total, powers = 0.0, 0.0, list[float]()
+    power, total, steps = 0.0, 0.0, 0
     shares = np.full(number, 1 / number)
     while power < 1.0:
         by = _next_step(factor, 1.0 - power)
@@ -201,7 +198,7 @@ def bridge(
         total += float(top + math.log(weights.mean()))
         weights /= weights.sum()
         power = 1.0 if power + by > 1.0 - 1e-12 else power + by
-        powers.append(power)
+        steps += 1
         shares = np.bincount(family, weights, number)
         # Multinomial resampling, because the variance estimate from families assumes it.
         chosen = rng.choice(count, count, p=weights)
@@ -209,7 +206,7 @@ def bridge(
         factor = np.array([log_factor(s) for s in states])
         if on_power is not None:
             on_power(power)
-    return Bridged(tuple(states), total, _family_error(shares, count, len(powers)), tuple(powers))
+    return Bridged(tuple(states), total, _family_error(shares, count, steps))
 
 
 def _next_step(log_factor: Array, most: float) -> float:

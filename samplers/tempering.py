@@ -362,6 +362,8 @@ def temper(
 class KernelWalker(Generic[S]):
     """A walker made of a kernel and a target, without a cache.
 
+    Tests temper reference kernels with it; the program's chains have a compiled walker.
+
     Parameters
     ----------
     target : callable

@@ -80,7 +80,6 @@ COMPILING = {
         "tests/sampling/test_crossover.py",
         "tests/sampling/test_reference.py",
         "tests/sampling/test_steps.py",
-        "tests/sampling/test_alone.py",
     ),
     "kernels of models": (
         "tests/models/test_posterior.py",

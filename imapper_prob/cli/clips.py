@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from imapper_prob.cli.console import progress_bars
 from imapper_prob.cli.parser import examples
+from imapper_prob.files import disk_errors_named, written_whole
 from imapper_prob.models.errors import InputError
 
 if TYPE_CHECKING:
@@ -186,15 +185,6 @@ def _require_new_files(options: argparse.Namespace) -> None:
             raise InputError(f"{path}: there is no folder {path.parent}")
 
 
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """Name the file in errors of the disk."""
-    try:
-        yield
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
-
-
 def is_clip(path: Path) -> bool:
     """Whether a path is a clip (a file, or a folder of keypoints) and not the folder of a run.
 
@@ -339,10 +329,10 @@ def _detect(options: argparse.Namespace) -> None:
             step=options.step,
             progress=progress,
         )
-    with _writing(output):
+    with disk_errors_named(output):
         write_clip(output, clip)
     if options.picture is not None:
-        with _writing(options.picture):
+        with disk_errors_named(options.picture):
             _draw(options, clip)
     out = console()
     out.print(clip_table(clip))
@@ -352,7 +342,6 @@ def _detect(options: argparse.Namespace) -> None:
 def _draw(options: argparse.Namespace, clip: Clip) -> None:
     from imapper_prob.clips.detect import contact_sheet, usual_step
     from imapper_prob.clips.video import open_video
-    from imapper_prob.files import written_whole
 
     video = open_video(options.video)
     fps = options.fps or video.fps
@@ -400,16 +389,15 @@ def add_track_command(
 def _track(options: argparse.Namespace) -> None:
     from imapper_prob.cli.console import console
     from imapper_prob.clips.load import clip_table, write_clip
-    from imapper_prob.files import written_whole
     from imapper_prob.plotting import save_figure
 
     _require_new_files(options)
     clip = clip_from(options.clip, options)
-    with _writing(options.output):
+    with disk_errors_named(options.output):
         write_clip(options.output, clip)
     if options.picture is not None:
         from imapper_prob.clips.identity import track_figure
 
-        with _writing(options.picture), written_whole(options.picture) as beside:
+        with disk_errors_named(options.picture), written_whole(options.picture) as beside:
             save_figure(track_figure(clip), beside, dpi=_DOTS_PER_INCH)
     console().print(clip_table(clip))

@@ -67,7 +67,7 @@ from imapper_prob.evaluate.tables import (
     top_view_figure,
 )
 from imapper_prob.evaluate.truth import TruthInView
-from imapper_prob.files import written_whole
+from imapper_prob.files import disk_errors_named, written_whole
 from imapper_prob.models.errors import InputError
 from imapper_prob.plotting import save_figure
 from imapper_prob.results.load import load_posterior
@@ -149,10 +149,8 @@ def _suite(options: argparse.Namespace) -> None:
     found = run_suite(options)
     _show(found.evaluation, found.ours, found.theirs)
     _write(options.output, found.evaluation, found.ours, found.theirs, found.figures)
-    try:
+    with disk_errors_named(options.output):
         found.write_page(options.output, command)
-    except OSError as error:
-        raise InputError(f"{options.output}: cannot be written ({error.strerror})") from error
 
 
 def _command() -> str:
@@ -187,7 +185,7 @@ def _write(
     theirs: list[str],
     figures: dict[str, Any],
 ) -> None:
-    try:
+    with disk_errors_named(folder):
         folder.mkdir(parents=True, exist_ok=True)
         differences = evaluation.differences(ours, theirs)
         made = made_by(_command())
@@ -195,8 +193,6 @@ def _write(
         for name, figure in figures.items():
             with written_whole(folder / name) as beside:
                 save_figure(figure, beside, dpi=_DOTS_PER_INCH)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
 
 
 # ------------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from typing import Any
 
 from imapper_prob.cli.clips import run_folder_of
 from imapper_prob.cli.parser import examples
+from imapper_prob.files import disk_errors_named
 from imapper_prob.models.errors import InputError
 
 __all__ = ["add_export_commands", "add_recording_commands", "open_viewer"]
@@ -91,15 +92,13 @@ def _export(options: argparse.Namespace) -> None:
     posterior = load_posterior(options.folder)
     weighted = None if options.scene is None else posterior.scene(options.scene)
     scene = posterior.estimate if weighted is None else weighted.scene
-    try:
+    with disk_errors_named(out):
         if options.format == "json":
             write_json(out, posterior, scene=options.scene, samples=options.samples)
         elif options.format == "glb":
             write_glb(out, weighted or scene, posterior.clip)
         else:
             write_i3db(out, scene, posterior.clip)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror or error})") from error
     console().print(f"Written: {out}")
 
 
@@ -110,10 +109,8 @@ def _report(options: argparse.Namespace) -> None:
 
     posterior = load_posterior(options.folder)
     path = options.folder / "report.html"
-    try:
+    with disk_errors_named(path):
         write_report(path, posterior)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error
     console().print(f"Written: {path}")
 
 
@@ -184,10 +181,8 @@ def _write(folder: Path, output: Path, video: Path | None) -> None:
     from imapper_prob.results.load import load_posterior
 
     posterior = load_posterior(folder)
-    try:
+    with disk_errors_named(output):
         posterior.record(output, video=video)
-    except OSError as error:
-        raise InputError(f"{output}: cannot be written ({error.strerror or error})") from error
 
 
 def _view(options: argparse.Namespace) -> None:

@@ -40,7 +40,7 @@ def show_energy(folder: Path) -> None:
         There is no run in the folder, or a file cannot be written.
     """
     from imapper_prob.cli.console import console
-    from imapper_prob.files import written_whole
+    from imapper_prob.files import disk_errors_named, written_whole
     from imapper_prob.plotting import save_figure
     from imapper_prob.results.figures import energy_figure
     from imapper_prob.results.load import load_posterior
@@ -61,12 +61,10 @@ def show_energy(folder: Path) -> None:
         out.print(table(explanation))
     digest = posterior.data.attrs["library_digest"]
     figure, document = folder / "energy.png", folder / "energy.json"
-    try:
+    with disk_errors_named(folder):
         with written_whole(figure) as beside:
             save_figure(energy_figure(explanation, title=clip.name), beside, dpi=_DOTS_PER_INCH)
         write_energy(document, explanation, clip=clip.name, library_digest=digest)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written ({error.strerror or error})") from error
     out.print(f"Written: {figure}, {document}")
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imapper_prob.cli.parser import examples
+from imapper_prob.files import disk_errors_named, written_whole
 from imapper_prob.models.errors import InputError
 from imapper_prob.scenelets.build import SOURCES, captures_from
 
@@ -123,7 +124,6 @@ def _info(options: argparse.Namespace) -> None:
 
 def _plot(options: argparse.Namespace) -> None:
     from imapper_prob.cli.console import console
-    from imapper_prob.files import written_whole
     from imapper_prob.plotting import save_figure
     from imapper_prob.scenelets.charness import charness, motion_distances
     from imapper_prob.scenelets.figures import charness_figure, embedding_figure, furniture_figure
@@ -187,9 +187,7 @@ def _check(paths: Iterable[Path], *, suffix: str, overwrite: bool) -> None:
 
 @contextmanager
 def _written(path: Path) -> Iterator[None]:
-    """Make the folder for a file; turn operating-system errors into input errors."""
-    try:
+    """Make the folder for a file, and name the file in errors of the disk."""
+    with disk_errors_named(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         yield
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from error

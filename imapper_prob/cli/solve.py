@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from imapper_prob.cli.clips import clip_from, clip_parser
 from imapper_prob.cli.console import progress_bars
 from imapper_prob.cli.parser import examples
+from imapper_prob.progress import Progress
 
 __all__ = ["StageClock", "add_solve_command"]
 
@@ -70,7 +70,7 @@ class StageClock:
         Called with the name of a stage and the fraction of it that is done.
     """
 
-    def __init__(self, report: Callable[[str, float], None]) -> None:
+    def __init__(self, report: Progress) -> None:
         self._report = report
         self._last = time.perf_counter()
         self._seconds: dict[str, float] = {}

@@ -24,7 +24,15 @@ from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.settings import LONGEST_CLIP, MOST_PEOPLE
 from imapper_prob.models.skeleton import DETECTED, LHIP, LSHO, N_JOINTS, RHIP, RSHO
 
-__all__ = ["CONFIDENCE_MAPS", "FARTHEST", "RawDetections", "assemble", "confidence_map"]
+__all__ = [
+    "CONFIDENCE_MAPS",
+    "FARTHEST",
+    "HEAT_GAIN",
+    "HEAT_OFFSET",
+    "RawDetections",
+    "assemble",
+    "confidence_map",
+]
 
 Array = NDArray[np.float64]
 FARTHEST: Final = 1e6
@@ -129,8 +137,8 @@ CONFIDENCE_MAPS: Final[dict[str, Knots]] = {
 """Knots (score, confidence) of piecewise linear maps, constant outside the knots. All but the first
 are chosen by judgement, because no data with marked hidden joints were available. There is a fifth
 map, ``cpm``: :func:`_heat`."""
-_HEAT_GAIN: Final = 5000.0
-_HEAT_OFFSET: Final = -9.5
+HEAT_GAIN: Final = 5000.0
+HEAT_OFFSET: Final = -9.5
 """Gain and offset of the logistic map of i3DB's authors for raw heat values of CPM detectors."""
 
 
@@ -168,7 +176,7 @@ def confidence_map(name: str) -> Map:
 
 def _heat(scores: ArrayLike) -> Array:
     heat = np.clip(np.nan_to_num(np.asarray(scores, float)), 0.0, 0.1)
-    return np.where(heat > 0, 1 / (1 + np.exp(-_HEAT_GAIN * heat - _HEAT_OFFSET)), 0.0)
+    return np.where(heat > 0, 1 / (1 + np.exp(-HEAT_GAIN * heat - HEAT_OFFSET)), 0.0)
 
 
 def _written_out(text: str) -> Knots:

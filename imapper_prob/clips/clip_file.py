@@ -236,11 +236,18 @@ def _entry(
     return array
 
 
+_UNMEASURED_FOCAL: Final = 0.05
+"""Standard deviation of the log focal length in older files in which it was not measured; that of
+i3DB (docs/explanation/model.md 4)."""
+
+
 def _focal_spread(path: Path, arrays: Arrays) -> float:
     """Spread of the focal length; for older files derived from whether it was measured."""
     if "focal_spread" in arrays:
         return float(_entry(path, arrays, "focal_spread", (), "f"))
-    return MEASURED_FOCAL if bool(_entry(path, arrays, "focal_known", (), "b")) else 0.05
+    return (
+        MEASURED_FOCAL if bool(_entry(path, arrays, "focal_known", (), "b")) else _UNMEASURED_FOCAL
+    )
 
 
 def _camera(values: NDArray[Any]) -> Camera:

@@ -10,7 +10,7 @@ import logging
 import math
 import os
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +27,7 @@ from imapper_prob.clips.video import Video, grey_thumbnail, needs, open_video, s
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import BONES, JOINTS
+from imapper_prob.progress import Progress
 
 __all__ = ["Detector", "contact_sheet", "detect", "usual_step"]
 
@@ -139,7 +140,6 @@ def _draw(picture: Image.Image, track: Track, frame: int) -> None:
 # ------------------------------------------------------------------------------------------------
 # Detection.
 
-Progress = Callable[[str, float], None]
 _log = logging.getLogger(__name__)
 _RATE: Final = 10.0
 """Target frame rate in frames a second, at which the model's constants were measured."""

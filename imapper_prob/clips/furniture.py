@@ -30,14 +30,15 @@ __all__ = [
 ]
 
 _SYNONYMS: Final = {
-    "sofa": "couch", "loveseat": "couch", "settee": "couch", "sofa chair": "chair",
-    "armchair": "chair", "office chair": "chair", "swivel chair": "chair",
+    "sofa": "couch", "loveseat": "couch", "settee": "couch", "sofa chair": "couch",
+    "armchair": "couch", "office chair": "chair", "swivel chair": "chair",
     "dining chair": "chair", "seat": "chair", "footstool": "stool", "ottoman": "stool",
     "barstool": "stool", "desk": "table", "coffee table": "table", "dining table": "table",
     "side table": "table", "end table": "table", "bookshelf": "shelf", "bookcase": "shelf",
     "shelves": "shelf", "shelving": "shelf", "countertop": "counter",
     "kitchen counter": "counter",
 }  # fmt: skip
+"""Categories of the built-in library by other names. An armchair is a couch with one seat there."""
 _NO_FURNITURE: Final = frozenset({
     "", "unknown", "unlabeled", "unlabelled", "unannotated", "none", "other", "remove",
     "floor", "wall", "ceiling", "room", "door", "window", "pillar", "beam", "stairs", "person",

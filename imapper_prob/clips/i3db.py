@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -19,7 +19,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from imapper_prob.clips.assemble import HEAT_GAIN, HEAT_OFFSET
 from imapper_prob.clips.furniture import MeasuredBox, upright_object
+from imapper_prob.clips.options import NOMINAL_ELEVATION
 from imapper_prob.clips.parsing import (
     field,
     frame_number,
@@ -45,7 +47,8 @@ from imapper_prob.models.skeleton import (
 )
 
 __all__ = [
-    "ACTIONS", "DETECTIONS", "action_words", "camera_axes", "read_i3db", "read_i3db_truth",
+    "ACTIONS", "DETECTIONS", "AnnotatedBox", "action_words", "boxes_by_object", "camera_axes",
+    "read_i3db", "read_i3db_boxes", "read_i3db_truth",
 ]  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -64,13 +67,8 @@ _FRAME_RATE: Final = 10.0
 """Frames a second if ``video_params.json`` does not say."""
 _NOMINAL_PITCH: Final = np.deg2rad(-4.0)
 """Mean pitch of the benchmark's cameras in radians; the files' ``ground_rot`` is 0 and wrong."""
-_NOMINAL_ELEVATION: Final = 1.5
-"""Camera height in metres: on a tripod or held at chest height."""
 _RAW_CONFIDENCE_LIMIT: Final = 0.05
 """Largest confidence below which a file holds raw heat values; its own flag is unreliable."""
-_RAW_CONFIDENCE_GAIN: Final = 5000.0
-_RAW_CONFIDENCE_OFFSET: Final = -9.5
-"""Logistic map from heat values of convolutional pose machines to confidences."""
 
 
 def read_i3db(folder: str | Path) -> Clip:
@@ -167,7 +165,9 @@ def read_i3db_truth(folder: str | Path, clip: Clip) -> Truth:
     truth_folder = Path(folder) / "gt"
     path = _only(truth_folder, "skel_*_GT.json")
     data = load_json(path)
-    objects = _parts_by_object(path, data)
+    objects = boxes_by_object(read_i3db_boxes(path, data))
+    if not objects:
+        raise InputError(f"{path}: 'scenelets.obbs' lists no objects")
     camera = _upright_camera(clip.camera, objects)
     joints = np.full((clip.n_frames, N_JOINTS, 3), np.nan)
     hidden = np.zeros((clip.n_frames, N_JOINTS), bool)
@@ -195,9 +195,24 @@ def read_i3db_truth(folder: str | Path, clip: Clip) -> Truth:
 
 
 @dataclass(frozen=True)
-class _Part:
-    """One annotated box, camera axes: centre (3,), unit axes in columns (3, 3), size (3,)."""
+class AnnotatedBox:
+    """One box of an object, in the axes of the camera.
 
+    Parameters
+    ----------
+    object_id : str
+        Number of the object in the file.
+    label, part : str
+        Category of the object, and which part of it the box is.
+    centre : (3,) float
+        Metres.
+    axes : (3, 3) float
+        Unit axes of the box, in columns.
+    size : (3,) float
+        Full side lengths along these axes, metres.
+    """
+
+    object_id: str
     label: str
     part: str
     centre: Array
@@ -247,7 +262,7 @@ def _camera(path: Path) -> Camera:
             cx=float(matrix[0, 2]),
             cy=float(matrix[1, 2]),
             pitch=float(_NOMINAL_PITCH),
-            elevation=_NOMINAL_ELEVATION,
+            elevation=NOMINAL_ELEVATION,
         )
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -279,7 +294,7 @@ def _confidences(path: Path, data: Any, frames: list[int]) -> dict[int, Array]:
             value = entry.get(str(joint)) if isinstance(entry, Mapping) else None
             row[joint] = numbers(value, shape=(), place=place)
     if table.max() <= _RAW_CONFIDENCE_LIMIT:
-        heat = _RAW_CONFIDENCE_GAIN * table + _RAW_CONFIDENCE_OFFSET
+        heat = HEAT_GAIN * table + HEAT_OFFSET
         mapped = 1 / (1 + np.exp(-heat))
         mapped[table < 0] = 0
         mapped[:, [j for j in range(N_JOINTS) if j not in DETECTED]] = 0
@@ -294,12 +309,30 @@ def _confidences(path: Path, data: Any, frames: list[int]) -> dict[int, Array]:
     return dict(zip(frames, table, strict=True))
 
 
-def _parts_by_object(path: Path, data: Any) -> list[list[_Part]]:
-    """The boxes listed in ``scenelets.obbs``, grouped by object; unlisted files are ignored."""
+def read_i3db_boxes(path: Path, data: Any) -> list[AnnotatedBox]:
+    """Read the boxes listed in ``scenelets.obbs`` of a skeleton file; unlisted files are ignored.
+
+    Parameters
+    ----------
+    path : Path
+        The skeleton file; the listed files are in its folder or below.
+    data : Any
+        Its parsed content.
+
+    Returns
+    -------
+    list of AnnotatedBox
+        In the order of the list; empty if nothing is listed.
+
+    Raises
+    ------
+    InputError
+        A file is missing, damaged, or does not follow the format.
+    """
     listed = field(path, data, "scenelets", "obbs")
-    if not isinstance(listed, list) or not listed:
-        raise InputError(f"{path}: 'scenelets.obbs' lists no objects")
-    objects: dict[str, list[_Part]] = defaultdict(list)
+    if not isinstance(listed, list):
+        raise InputError(f"{path}: 'scenelets.obbs' must list files")
+    boxes = []
     for name in listed:
         below = Path(str(name))
         match = re.fullmatch(r"(\d+)_([a-z]+)_([a-z]+)(-\d+)?", below.stem)
@@ -316,20 +349,38 @@ def _parts_by_object(path: Path, data: Any) -> list[list[_Part]]:
             raise InputError(f"{file}: axes must be unit vectors, in columns")
         if (size <= 0).any():
             raise InputError(f"{file}: scales must be positive")
-        object_id, label, part, _ = match.groups()
-        objects[object_id].append(
-            _Part(
-                label=label,
-                part=part,
+        boxes.append(
+            AnnotatedBox(
+                object_id=match[1],
+                label=match[2],
+                part=match[3],
                 centre=camera_axes(centre[:, 0]),
                 axes=camera_axes(axes.T).T,
                 size=size[:, 0],
             )
         )
+    return boxes
+
+
+def boxes_by_object(boxes: Iterable[AnnotatedBox]) -> list[list[AnnotatedBox]]:
+    """Group boxes by the number of their object.
+
+    Parameters
+    ----------
+    boxes : iterable of AnnotatedBox
+
+    Returns
+    -------
+    list of list of AnnotatedBox
+        Objects in the order of their first boxes.
+    """
+    objects: dict[str, list[AnnotatedBox]] = defaultdict(list)
+    for box in boxes:
+        objects[box.object_id].append(box)
     return list(objects.values())
 
 
-def _upright_camera(camera: Camera, objects: list[list[_Part]]) -> Camera:
+def _upright_camera(camera: Camera, objects: list[list[AnnotatedBox]]) -> Camera:
     """The camera in the world frame in which the furniture stands upright on the floor.
 
     Medians are used because some backrests lean and some legs are annotated through the floor.
@@ -346,7 +397,7 @@ def _upright_camera(camera: Camera, objects: list[list[_Part]]) -> Camera:
     return replace(level, elevation=-float(np.median(bottoms)))
 
 
-def _object(parts: list[_Part], camera: Camera) -> SceneObject:
+def _object(parts: list[AnnotatedBox], camera: Camera) -> SceneObject:
     """One object from its annotated parts, as upright boxes.
 
     The part with the largest footprint (seat, table top, board) gives the front: its second axis

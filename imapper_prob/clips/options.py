@@ -19,6 +19,7 @@ from imapper_prob.models.scene import MEASURED_FOCAL
 from imapper_prob.models.settings import MOST_PEOPLE
 
 __all__ = [
+    "NOMINAL_ELEVATION",
     "CameraFile",
     "ClipOptions",
     "camera_of",
@@ -32,7 +33,7 @@ Array = NDArray[np.float64]
 
 _log = logging.getLogger(__name__)
 
-_NOMINAL_ELEVATION: Final = 1.5
+NOMINAL_ELEVATION: Final = 1.5
 """Camera height in metres: on a tripod, on a shelf, or held at chest height."""
 _ASSUMED: Final = 0.2
 """Standard deviation of the log focal length of an unknown camera. The focal length is then taken
@@ -299,7 +300,7 @@ def camera_of(
             cy=float(file.matrix[1, 2]),
             pitch=file.pitch or 0.0,
             roll=file.roll or 0.0,
-            elevation=_NOMINAL_ELEVATION if file.height is None else file.height,
+            elevation=NOMINAL_ELEVATION if file.height is None else file.height,
         )
     else:
         focal = options.focal
@@ -311,7 +312,7 @@ def camera_of(
                 "scale with it", name, focal, 100 * (options.focal_spread or spread),
             )  # fmt: skip
         camera = Camera(
-            *size, fx=focal, fy=focal, cx=size[0] / 2, cy=size[1] / 2, elevation=_NOMINAL_ELEVATION
+            *size, fx=focal, fy=focal, cx=size[0] / 2, cy=size[1] / 2, elevation=NOMINAL_ELEVATION
         )
     if options.pitch is not None:
         camera = replace(camera, pitch=float(np.deg2rad(options.pitch)))

@@ -199,6 +199,7 @@ fixed camera: a touched tripod, not a pan. At a field of view of 53 degrees it i
 _WIDTH: Final = 256
 """Least width of a thumbnail in pixels; averaging to it suppresses compression and noise."""
 _TILE: Final = 64
+"""Side of a tile in pixels of a thumbnail; chosen, a power of two for the Fourier transform."""
 _TEXTURE: Final = 3.0
 """Standard deviation in grey levels below which a tile is blank and is not used."""
 _FINEST: Final = 0.1
@@ -209,6 +210,9 @@ _PEAK: Final = 0.4
 different things reach .2 to .3."""
 _ENOUGH: Final = 0.2
 """Least fraction of textured tiles that must match for a pair of frames to be used."""
+_SAME_ROOM: Final = 0.7
+"""Least fraction of pairs of frames that show the same background, in a video of one view;
+chosen."""
 
 
 @dataclass(frozen=True)
@@ -229,7 +233,7 @@ class Stillness:
     @property
     def cut(self) -> bool:
         """Whether the video shows several rooms, or one room from several viewpoints."""
-        return self.recognised < 0.7
+        return self.recognised < _SAME_ROOM
 
     @property
     def moving(self) -> bool:

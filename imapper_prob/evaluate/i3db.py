@@ -6,21 +6,24 @@ module does not make them upright.
 
 from __future__ import annotations
 
-import re
-from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.clips.i3db import camera_axes, read_i3db, read_i3db_truth
-from imapper_prob.clips.parsing import field, frames_of_joints, load_json, numbers
+from imapper_prob.clips.i3db import (
+    AnnotatedBox,
+    boxes_by_object,
+    camera_axes,
+    read_i3db,
+    read_i3db_boxes,
+    read_i3db_truth,
+)
+from imapper_prob.clips.parsing import frames_of_joints, load_json
 from imapper_prob.evaluate.prediction import Prediction, between_frames
 from imapper_prob.evaluate.truth import Outline, TruthInView, box_corners, used_objects
-from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import N_JOINTS
 
@@ -34,18 +37,6 @@ _REPEATED: Final = 0.3
 """Metres in top view within which two parts of one kind count as one part written twice."""
 _OWN: Final = 0.9
 """Greatest distance in metres, top view, of a back or leg from the seat or top it belongs to."""
-
-
-@dataclass(frozen=True)
-class _Part:
-    """One box, camera axes: centre (3,), unit axes in columns (3, 3), size (3,)."""
-
-    object_id: str
-    label: str
-    part: str
-    centre: Array
-    axes: Array
-    size: Array
 
 
 def read_truth_in_view(folder: str | Path, clip: Clip | None = None) -> TruthInView:
@@ -71,11 +62,8 @@ def read_truth_in_view(folder: str | Path, clip: Clip | None = None) -> TruthInV
     clip = clip or read_i3db(folder)
     truth = read_i3db_truth(folder, clip)
     path = next(iter(sorted((folder / "gt").glob("skel_*_GT.json"))))
-    by_id: dict[str, list[_Part]] = defaultdict(list)
-    for part in _parts(path):
-        by_id[part.object_id].append(part)
     objects = []
-    for parts in by_id.values():
+    for parts in boxes_by_object(read_i3db_boxes(path, load_json(path))):
         widest = max(parts, key=lambda p: p.size[0] * p.size[1])
         has_front = widest.label in ("chair", "couch")
         objects.append(_outline(widest, parts, has_front=has_front))
@@ -123,7 +111,7 @@ def read_authors(folder: str | Path, clip: Clip | None = None) -> Prediction:
         name="authors' output",
         joints=joints,
         pixels=clip.camera.project_camera(joints),
-        objects=tuple(_regrouped(_parts(path))),
+        objects=tuple(_regrouped(read_i3db_boxes(path, load_json(path)))),
     )
 
 
@@ -156,8 +144,8 @@ def _path(path: Path, clip: Clip) -> Array:
     return between_frames(joints)
 
 
-def _regrouped(parts: Sequence[_Part]) -> list[Outline]:
-    different: list[_Part] = []
+def _regrouped(parts: Sequence[AnnotatedBox]) -> list[Outline]:
+    different: list[AnnotatedBox] = []
     for part in parts:
         alike = (p for p in different if (p.label, p.part) == (part.label, part.part))
         if all(_apart(p, part) >= _REPEATED for p in alike):
@@ -174,11 +162,11 @@ def _regrouped(parts: Sequence[_Part]) -> list[Outline]:
     return [_outline(m, own[id(m)], has_front=m.part == "seat") for m in mains]
 
 
-def _apart(one: _Part, other: _Part) -> float:
+def _apart(one: AnnotatedBox, other: AnnotatedBox) -> float:
     return float(np.linalg.norm(one.centre[:2] - other.centre[:2]))
 
 
-def _outline(main: _Part, parts: Sequence[_Part], *, has_front: bool) -> Outline:
+def _outline(main: AnnotatedBox, parts: Sequence[AnnotatedBox], *, has_front: bool) -> Outline:
     """The outline of an object whose front is opposite to the second axis of its main part."""
     sideways = main.axes[:, 0]
     # Axes may be left-handed: take right of the front, whichever way the file's first axis points.
@@ -187,38 +175,6 @@ def _outline(main: _Part, parts: Sequence[_Part], *, has_front: bool) -> Outline
         sideways = -sideways
     corners = np.concatenate([box_corners(p.centre, p.axes, p.size) for p in parts])
     return Outline.of_corners(main.label, corners, sideways, has_front=has_front)
-
-
-def _parts(path: Path) -> list[_Part]:
-    """The boxes listed in ``scenelets.obbs`` of a skeleton file; the list may be empty."""
-    listed = field(path, load_json(path), "scenelets", "obbs")
-    if not isinstance(listed, list):
-        raise InputError(f"{path}: 'scenelets.obbs' must list files")
-    parts = []
-    for name in listed:
-        below = Path(str(name))
-        match = re.fullmatch(r"(\d+)_([a-z]+)_([a-z]+)(-\d+)?", below.stem)
-        if match is None or below.is_absolute() or ".." in below.parts:
-            raise InputError(
-                f"{path}: object {name!r} is not named <id>_<category>_<part>[-<number>]"
-            )
-        file = (path.parent / below).with_suffix(".json")
-        box = load_json(file)
-        values = {
-            key: numbers(field(file, box, key), shape=shape, place=f"{file}: {key}")
-            for key, shape in (("centroid", (3, 1)), ("axes", (3, 3)), ("scales", (3, 1)))
-        }
-        parts.append(
-            _Part(
-                object_id=match[1],
-                label=match[2],
-                part=match[3],
-                centre=camera_axes(values["centroid"][:, 0]),
-                axes=camera_axes(values["axes"].T).T,
-                size=values["scales"][:, 0],
-            )
-        )
-    return parts
 
 
 def _pixels(path: Path, clip: Clip, joints: Array) -> Array:

@@ -21,14 +21,11 @@ from imapper_prob.evaluate.truth import Outline, outline_of
 from imapper_prob.files import written_whole
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.log_posterior import State, state_camera
-from imapper_prob.models.scene import Clip, Cuboid, Placement, Scene, SceneObject
+from imapper_prob.models.scene import Clip, Scene
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
+from imapper_prob.results.scenes_file import object_from_json
 from imapper_prob.results.solution import SOLUTION_FORMAT, SOLUTION_VERSION
 from imapper_prob.solver.actors import Solved
-from imapper_prob.solver.limbs import limbs_of
-from imapper_prob.solver.solver import method_of
-from imapper_prob.uncertainty.stored import Source
 
 __all__ = [
     "PREDICTION_FORMAT",
@@ -39,7 +36,6 @@ __all__ = [
     "of_people",
     "prediction_of_scene",
     "prediction_of_solved",
-    "prediction_of_state",
     "read_prediction",
     "read_solution_folder",
     "write_prediction",
@@ -164,27 +160,6 @@ def prediction_of_scene(scene: Scene, *, name: str, people: int = 1) -> Predicti
         objects=tuple(outline_of(o, scene.camera) for o in scene.objects),
         people=people,
     )
-
-
-def prediction_of_state(source: Source, state: State, *, name: str) -> Prediction:
-    """The prediction of a state, with the objects that the method of its problem reports.
-
-    Parameters
-    ----------
-    source : Source
-    state : State
-    name : str
-        Name of the method.
-
-    Returns
-    -------
-    Prediction
-    """
-    camera = state_camera(source.clip.camera, state)
-    joints = limbs_of(source.problem, state, camera).joints
-    objects = method_of(source.problem).objects(source.problem, source.library, state)
-    scene = Scene(camera, objects, joints, (), 0.0)
-    return prediction_of_scene(scene, name=name, people=len(source.clip.tracks))
 
 
 def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
@@ -416,16 +391,8 @@ def read_solution_folder(folder: Path, clip: Clip) -> Prediction:
         if np.isinf(joints).any() or (np.abs(joints) > FARTHEST).any():
             raise ValueError("joints are no metres")
         best = scenes[0]
-        objects = tuple(_read_object(o) for o in best["objects"])
+        objects = tuple(object_from_json(o) for o in best["objects"])
         scene = Scene(Camera(**best["camera"]), objects, joints, (), float(best["log_posterior"]))
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise InputError(f"{folder}: damaged solution ({error}); solve the clip again") from error
     return prediction_of_scene(scene, name=SOLVER, people=len(people))
-
-
-def _read_object(values: Mapping[str, Any]) -> SceneObject:
-    x, y = values["position"]
-    cuboids = tuple(
-        Cuboid(c["part"], np.array(c["centre"]), np.array(c["size"])) for c in values["cuboids"]
-    )
-    return SceneObject(values["label"], Placement(x, y, values["yaw"]), cuboids)

@@ -7,7 +7,7 @@ an interrupted benchmark can be continued.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, as_completed
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -36,13 +36,14 @@ from imapper_prob.evaluate.score import (
     score,
     summarise,
 )
-from imapper_prob.evaluate.tables import as_json, commit, without_nan
+from imapper_prob.evaluate.tables import as_json, commit
 from imapper_prob.evaluate.truth import TruthInView
-from imapper_prob.files import written_whole
+from imapper_prob.files import without_nan, written_whole
 from imapper_prob.memory import require_feasible
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
+from imapper_prob.progress import Progress
 from imapper_prob.results.folders import CHECKPOINTS, run_folder, write_run
 from imapper_prob.results.load import load_posterior
 from imapper_prob.results.posterior import Posterior
@@ -290,7 +291,6 @@ def _plain(posterior: PosteriorScore) -> dict[str, Any]:
 # ------------------------------------------------------------------------------------------------
 # The benchmark.
 
-Progress = Callable[[str, float], None]
 _IDENTITY: Final = "suite.json"
 """File that records commit and settings of the suite's results."""
 

@@ -24,6 +24,8 @@ from imapper_prob.evaluate.probability import PosteriorScore
 from imapper_prob.evaluate.regions import Coverage
 from imapper_prob.evaluate.score import SUBSETS, Difference, Score, Summary
 from imapper_prob.evaluate.truth import Outline, TruthInView
+from imapper_prob.files import without_nan
+from imapper_prob.models.drawing import INK, rgb
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.text import in_markdown
 from imapper_prob.plotting import category_colour
@@ -43,7 +45,6 @@ __all__ = [
     "posterior_rows",
     "screen_table",
     "top_view_figure",
-    "without_nan",
 ]
 
 
@@ -348,32 +349,10 @@ def as_json(scores: Sequence[Score], summary: Summary) -> dict[str, Any]:
     return cleaned
 
 
-def without_nan(value: Any) -> Any:
-    """The value with ``None`` for numbers that JSON cannot represent.
-
-    Parameters
-    ----------
-    value : object
-        Any value that JSON can hold.
-
-    Returns
-    -------
-    object
-    """
-    if isinstance(value, dict):
-        return {key: without_nan(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [without_nan(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
-
-
 # ------------------------------------------------------------------------------------------------
 # Figures. Functions return a figure and leave matplotlib's current figure alone.
 
 Array = NDArray[np.float64]
-_INK: Final = "#2b2f36"
 _QUIET: Final = "#9aa0aa"
 _PELVIS: Final = "#f28e2b"
 _JOINTS: Final = "#4e79a7"
@@ -406,17 +385,17 @@ def top_view_figure(truth: TruthInView, predictions: Sequence[Prediction]) -> Fi
     for axes, prediction in zip(panels.flat, predictions, strict=False):
         for k, item in enumerate(truth.objects):
             shade = 0.28 if k in truth.used else 0.1
-            axes.fill(*_edge(item), color=_INK, alpha=shade, linewidth=0)
+            axes.fill(*_edge(item), color=INK, alpha=shade, linewidth=0)
         for joints, colour, width in (
             (truth.joints, _QUIET, 1.2),
-            (prediction.joints, _INK, 0.9),
+            (prediction.joints, INK, 0.9),
         ):
             for first in range(0, len(joints), len(truth.frame_ids)):
                 own = joints[first : first + len(truth.frame_ids)]
                 axes.plot(*_walk(own), color=colour, linewidth=width)
         for item in prediction.objects:
             _draw(axes, item)
-        axes.set_title(prediction.name, fontsize=8, color=_INK)
+        axes.set_title(prediction.name, fontsize=8, color=INK)
         axes.set_aspect("equal")
         axes.tick_params(labelsize=6)
     for axes in panels.flat[len(predictions) :]:
@@ -473,7 +452,7 @@ def coverage_figure(scores: Sequence[PosteriorScore]) -> Figure:
 
 
 def _draw(axes: Axes, item: Outline) -> None:
-    colour = tuple(c / 255 for c in category_colour(item.label))
+    colour = rgb(category_colour(item.label))
     x, y = item.centre
     axes.fill(*_edge(item), facecolor=(*colour, 0.25), edgecolor=colour, linewidth=1.2)
     if item.has_front:
@@ -482,7 +461,7 @@ def _draw(axes: Axes, item: Outline) -> None:
             "", (x + tip[0], y + tip[1]), (x, y),
             arrowprops={"arrowstyle": "->", "color": colour, "shrinkA": 0, "shrinkB": 0},
         )  # fmt: skip
-    axes.text(x, y, item.label, fontsize=5.5, ha="center", va="center", color=_INK)
+    axes.text(x, y, item.label, fontsize=5.5, ha="center", va="center", color=INK)
 
 
 def _edge(item: Outline) -> tuple[Array, Array]:

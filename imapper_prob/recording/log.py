@@ -188,6 +188,8 @@ def _log_video(recording: rr.RecordingStream, video: Video) -> None:
 # ------------------------------------------------------------------------------------------------
 # The recording.
 
+_APPLICATION = "imapper-prob"
+"""Name under which the viewer stores its settings."""
 _GHOSTS = 8
 """Most other draws drawn of a scene's person; more hide the person and enlarge the file."""
 _GHOST_RADIUS = 0.006
@@ -206,7 +208,6 @@ def write_recording(
     draws: Sequence[DrawnChain] = (),
     acceptance: Mapping[str, float] | None = None,
     video: Video | None = None,
-    application_id: str = "imapper-prob",
 ) -> None:
     """Write one ``.rrd`` file, including its layout of views; an existing file is replaced.
 
@@ -233,8 +234,6 @@ def write_recording(
         Acceptance rate of each move of the sampler.
     video : Video, optional
         Pictures to show behind the detections.
-    application_id : str
-        Name under which the viewer stores its settings.
 
     Raises
     ------
@@ -255,7 +254,7 @@ def write_recording(
         "moves": moves_text(acceptance or {}),
     }
     recording = rr.RecordingStream(
-        application_id,
+        _APPLICATION,
         recording_id=digest(told, texts),
         # The start time is a property; without properties, equal runs make equal recordings.
         send_properties=False,

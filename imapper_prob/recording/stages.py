@@ -45,6 +45,8 @@ __all__ = ["charness_curves", "stage_views", "write_stages"]
 Array = NDArray[np.float64]
 Curve = tuple[NDArray[np.int64], Array]
 """Frame numbers and values."""
+_APPLICATION = "imapper-prob-stages"
+"""Name under which the viewer stores its settings."""
 _BACKGROUND = (18, 20, 25)
 _AIR = 0.5
 """Metres of floor shown around its content."""
@@ -77,7 +79,6 @@ def write_stages(
     camera: Camera,
     stages: Sequence[StageView],
     charness: Mapping[str, Curve],
-    application_id: str = "imapper-prob-stages",
 ) -> None:
     """Write one ``.rrd`` file, including its layout of views; an existing file is replaced.
 
@@ -91,11 +92,9 @@ def write_stages(
         In order; at least one.
     charness : mapping of str to (frames, values)
         Curves by name of the actor.
-    application_id : str
-        Name under which the viewer stores its settings.
     """
     recording = rr.RecordingStream(
-        application_id,
+        _APPLICATION,
         recording_id=_digest(clip, stages),
         # The start time is a property; without properties, equal solutions make equal recordings.
         send_properties=False,
@@ -217,6 +216,7 @@ def stage_views(solved: Solved) -> tuple[StageView, ...]:
     judged = [[r.candidate for t in a.shortlists for r in t.rows] for a in actors]
     best_of_kind = [_best_of_kind(candidates) for candidates in judged]
     kept = [a.combinations.pool for a in actors]
+    by = "published energy" if actors[0].problem.of_paper else "full log-posterior"
     together = [
         state_of(a.problem, [a.combinations.pool[k] for k in a.combinations.tried[0].members])
         for a in actors
@@ -226,8 +226,7 @@ def stage_views(solved: Solved) -> tuple[StageView, ...]:
         StageView(
             "Candidates judged",
             f"{sum(map(len, judged))} fits at {sum(len(a.shortlists) for a in actors)} maxima of "
-            "charness, judged by the full log-posterior. Shown is the best of each kind of "
-            "furniture.",
+            f"charness, judged by the {by}. Shown is the best of each kind of furniture.",
             _furniture(actors, best_of_kind),
             alone,
         ),

@@ -178,17 +178,17 @@ def _encoded(picture: Any, quality: int) -> bytes:
 # Notebooks: show a recording without a network.
 
 _ASSET = "RERUN_NOTEBOOK_ASSET"
+_WIDTH, _HEIGHT = 1200, 750
+"""Size of the viewer, pixels; chosen."""
 
 
-def recording_widget(recording: str | Path, *, width: int = 1200, height: int = 750) -> Viewer:
+def recording_widget(recording: str | Path) -> Viewer:
     """The viewer as the output of a notebook cell, with a recording in it.
 
     Parameters
     ----------
     recording : path
         An ``.rrd`` file.
-    width, height : int
-        Pixels.
 
     Returns
     -------
@@ -211,6 +211,6 @@ def recording_widget(recording: str | Path, *, width: int = 1200, height: int = 
             "a recording inside a notebook needs rerun-notebook; "
             "install it with: pip install -c constraints.txt -e '.[notebook]' in the clone"
         ) from error
-    viewer = Viewer(width=width, height=height)
+    viewer = Viewer(width=_WIDTH, height=_HEIGHT)
     viewer.send_rrd(recording.read_bytes())
     return viewer

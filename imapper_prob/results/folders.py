@@ -11,6 +11,7 @@ from pathlib import Path
 
 from imapper_prob.config import Config, from_toml, to_toml
 from imapper_prob.files import (
+    disk_errors_named,
     folder_held,
     folder_published,
     require_intact,
@@ -157,12 +158,10 @@ def restore_chains(folder: Path, *, chains: int) -> None:
                 "anew with --overwrite"
             )
         require_intact(path, below=folder)
-        try:
+        with disk_errors_named(target):
             place.mkdir(exist_ok=True)
             with written_whole(target) as beside:
                 shutil.copyfile(path, beside)
-        except OSError as error:
-            raise InputError(f"{target}: cannot be written ({error.strerror or error})") from error
 
 
 @contextmanager

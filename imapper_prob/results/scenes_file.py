@@ -21,7 +21,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from imapper_prob.files import require_intact, written_whole
+from imapper_prob.files import require_intact, without_nan, written_whole
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Cuboid, Placement, Scene, SceneObject
@@ -30,7 +30,10 @@ from imapper_prob.models.text import readable
 from imapper_prob.uncertainty.checks import Check, alarms
 from imapper_prob.uncertainty.scenes import Explains, WeightedScene
 
-__all__ = ["FORMAT", "VERSION", "read_objects", "read_scenes", "write_scenes"]
+__all__ = [
+    "FORMAT", "VERSION", "object_from_json", "object_to_json", "read_objects", "read_scenes",
+    "write_scenes",
+]  # fmt: skip
 
 FORMAT: Final = "imapper-prob scenes"
 VERSION: Final = 2
@@ -96,7 +99,7 @@ def write_scenes(
         "objects": list(objects),
         "scenes": [_from_scene(scene, actors) for scene in scenes],
     }
-    text = json.dumps(_without_nan(document), indent=1, allow_nan=False, ensure_ascii=False)
+    text = json.dumps(without_nan(document), indent=1, allow_nan=False, ensure_ascii=False)
     with written_whole(path) as beside:
         beside.write_text(text + "\n", encoding="utf-8")
 
@@ -206,7 +209,7 @@ def _from_scene(weighted: WeightedScene, actors: _Actors) -> dict[str, Any]:
         "layout": [actors.told(name, int(start)) for name, start in scene.layout],
         "camera": asdict(scene.camera),
         "objects": [
-            _from_object(item, covariance)
+            object_to_json(item, position_covariance=np.asarray(covariance).tolist())
             for item, covariance in zip(scene.objects, weighted.covariances, strict=True)
         ],
     }
@@ -233,12 +236,25 @@ def _to_explains(values: Mapping[str, Any]) -> Explains:
     )
 
 
-def _from_object(item: SceneObject, covariance: np.ndarray) -> dict[str, Any]:
+def object_to_json(item: SceneObject, **further: Any) -> dict[str, Any]:
+    """The entry of an object in a file.
+
+    Parameters
+    ----------
+    item : SceneObject
+    **further : object
+        Further values of the entry, by name.
+
+    Returns
+    -------
+    dict
+        Values that JSON can represent.
+    """
     return {
         "label": item.label,
         "position": [item.placement.x, item.placement.y],
         "yaw": item.placement.yaw,
-        "position_covariance": np.asarray(covariance).tolist(),
+        **further,
         "cuboids": [
             {"part": c.part, "centre": c.centre.tolist(), "size": c.size.tolist()}
             for c in item.cuboids
@@ -250,7 +266,7 @@ def _to_scene(values: Mapping[str, Any], actors: _Actors) -> WeightedScene:
     entries = values["objects"]
     scene = Scene(
         camera=Camera(**values["camera"]),
-        objects=_each(entries, _to_object, "object"),
+        objects=_each(entries, object_from_json, "object"),
         joints=np.empty((0, N_JOINTS, 3)),
         layout=tuple(
             (readable(str(part["scenelet"])), actors.row(part)) for part in values["layout"]
@@ -275,7 +291,24 @@ def _to_scene(values: Mapping[str, Any], actors: _Actors) -> WeightedScene:
     )
 
 
-def _to_object(values: Mapping[str, Any]) -> SceneObject:
+def object_from_json(values: Mapping[str, Any]) -> SceneObject:
+    """Read an entry by :func:`object_to_json`.
+
+    Parameters
+    ----------
+    values : mapping
+
+    Returns
+    -------
+    SceneObject
+
+    Raises
+    ------
+    KeyError
+        A value is missing.
+    TypeError, ValueError
+        A value is none of an object.
+    """
     x, y = values["position"]
     cuboids = tuple(Cuboid(c["part"], c["centre"], c["size"]) for c in values["cuboids"])
     return SceneObject(values["label"], Placement(x, y, values["yaw"]), cuboids)
@@ -311,14 +344,3 @@ def _number(value: float | None) -> float:
 def _refused(name: str) -> float:
     """Refuse constants that are not in the JSON standard."""
     raise ValueError(f"{name} is no number")
-
-
-def _without_nan(value: Any) -> Any:
-    """The same structure with ``None`` in place of non-finite numbers."""
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(item) for item in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value

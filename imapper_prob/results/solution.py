@@ -23,12 +23,13 @@ from rich.table import Table
 
 from imapper_prob.files import written_whole
 from imapper_prob.layouts import placed_objects
-from imapper_prob.models.drawing import axes_for
+from imapper_prob.models.drawing import INK, LINES, QUIET, axes_for, rgb, tidy
 from imapper_prob.models.log_posterior import State, empty_state, motion
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.text import counted
 from imapper_prob.plotting import category_colour
+from imapper_prob.results.scenes_file import object_to_json
 from imapper_prob.solver.actors import Solved, SolvedScene
 from imapper_prob.solver.candidates import Candidate, Fate, MaximumTable, Shortlisted
 from imapper_prob.solver.combinations import state_of
@@ -90,24 +91,12 @@ def _scene(solved: Solved, scene: SolvedScene) -> dict[str, Any]:
         "log_posterior": scene.log_posterior,
         "camera": asdict(scene.camera),
         "objects": [
-            {**_object(o), "found_by": [names[k] for k in users]}
+            {**object_to_json(o), "found_by": [names[k] for k in users]}
             for o, users in zip(scene.objects, scene.users, strict=True)
         ],
         "actors": [
             {"name": name, "scenelets": _scenelets(actor, state)}
             for name, actor, state in zip(names, solved.actors, scene.states, strict=True)
-        ],
-    }
-
-
-def _object(o: SceneObject) -> dict[str, Any]:
-    return {
-        "label": o.label,
-        "position": [o.placement.x, o.placement.y],
-        "yaw": o.placement.yaw,
-        "cuboids": [
-            {"part": c.part, "centre": c.centre.tolist(), "size": c.size.tolist()}
-            for c in o.cuboids
         ],
     }
 
@@ -236,15 +225,16 @@ def _in_words(solved: Solved) -> dict[str, str]:
         found = actor.combinations
         judged = sum(len(t.rows) for t in actor.shortlists)
         kept = sum(r.fate is Fate.KEPT for t in actor.shortlists for r in t.rows)
+        candidates = (
+            f"{len(actor.curve.maxima)} maxima of charness; {judged} candidates there, {kept} kept"
+        )
         words |= {
             f"{name}static path": "frames: " + ", ".join(f"{n} {k}" for k, n in frames.items()),
             f"{name}fitting scenelets": (
                 f"{len(actor.library)} scenelets in {len(actor.fits.centres)} windows"
             ),
-            f"{name}judging candidates": (
-                f"{len(actor.curve.maxima)} maxima of charness; {judged} candidates there, "
-                f"{kept} kept"
-            ),
+            f"{name}judging candidates": candidates,
+            f"{name}filtering candidates": candidates,
             f"{name}combining": (
                 f"{len(found.tried)} combinations tried: "
                 + ("all there are" if found.complete else "pruned, the best by score first")
@@ -352,9 +342,6 @@ def furniture_table(solved: Solved) -> Table:
 # Figures. Each function returns one; matplotlib's current figure is not changed.
 
 Array = NDArray[np.float64]
-_INK: Final = "#2b2f36"
-_QUIET: Final = "#7d848f"
-_LINES: Final = "#dcdfe4"
 _ACCENT: Final = "#e15759"
 _COLUMNS: Final = 4
 _AROUND: Final = 1.6
@@ -409,7 +396,7 @@ def plot_charness(actor: Solution, ax: Axes | None = None) -> Axes:
     ids, curve = actor.clip.frame_ids, actor.curve
     frames = ids[curve.centres]
     bands = (
-        (actor.frames.filled, _QUIET, "pose filled in"),
+        (actor.frames.filled, QUIET, "pose filled in"),
         (actor.frames.outlier, _ACCENT, "detections left"),
     )
     for flags, colour, label in bands:
@@ -417,8 +404,8 @@ def plot_charness(actor: Solution, ax: Axes | None = None) -> Axes:
             named = label if k == 0 else None
             edges = (ids[first] - 0.5, ids[last] + 0.5)
             axes.axvspan(*edges, color=colour, alpha=0.15, lw=0, label=named)
-    axes.plot(frames, curve.raw, ".", ms=3, color=_QUIET, label="best fits of a window")
-    axes.plot(frames, curve.values, color=_INK, lw=1.6, label="smoothed")
+    axes.plot(frames, curve.raw, ".", ms=3, color=QUIET, label="best fits of a window")
+    axes.plot(frames, curve.values, color=INK, lw=1.6, label="smoothed")
     for dropped, inside, label in ((False, _ACCENT, "maximum"), (True, "white", "dropped")):
         peaks = [p for p in curve.peaks if bool(p.dropped) == dropped]
         axes.plot(
@@ -427,13 +414,13 @@ def plot_charness(actor: Solution, ax: Axes | None = None) -> Axes:
         )  # fmt: skip
     axes.set_ylim(bottom=0)
     axes.set_xlim(ids[0] - 0.5, ids[-1] + 0.5)
-    axes.set_xlabel("frame", color=_INK)
-    axes.set_ylabel("charness [1]", color=_INK)
+    axes.set_xlabel("frame", color=INK)
+    axes.set_ylabel("charness [1]", color=INK)
     axes.legend(
-        frameon=False, fontsize=8, labelcolor=_INK, ncols=6, loc="lower right",
+        frameon=False, fontsize=8, labelcolor=INK, ncols=6, loc="lower right",
         bbox_to_anchor=(1, 1),
     )  # fmt: skip
-    _tidy(axes)
+    tidy(axes)
     return axes
 
 
@@ -454,14 +441,14 @@ def candidate_figure(solved: Solved) -> Figure:
     panels = [(actor, table) for actor in solved.actors for table in actor.shortlists if table.rows]
     rows = max(1, -(-len(panels) // _COLUMNS))
     figure = Figure(figsize=(3.4 * _COLUMNS, 0.6 + 3.5 * rows), layout="constrained")
-    figure.suptitle(f"{solved.clip.name}: candidates at the maxima", color=_INK, fontsize=12)
+    figure.suptitle(f"{solved.clip.name}: candidates at the maxima", color=INK, fontsize=12)
     grid = figure.subplots(rows, _COLUMNS, squeeze=False).ravel()
     truth = solved.clip.truth.objects if solved.clip.truth is not None else ()
     for axes, (actor, table) in zip(grid, panels, strict=False):
         _candidates(axes, actor, table, truth)
         if len(solved.actors) > 1:
             axes.set_title(f"{actor.clip.tracks[0].name}, {axes.get_title(loc='left')}", loc="left",
-                           fontsize=10, color=_INK)  # fmt: skip
+                           fontsize=10, color=INK)  # fmt: skip
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
     return figure
@@ -475,11 +462,11 @@ def _candidates(
     way = motion(actor.problem, empty_state(actor.problem))[:, PELV]
     stretch = way[max(0, centre - 8) : centre + 9]
     for o in truth:
-        axes.add_patch(Polygon(o.footprint, fill=False, edgecolor=_QUIET, lw=1.2, ls="--"))
+        axes.add_patch(Polygon(o.footprint, fill=False, edgecolor=QUIET, lw=1.2, ls="--"))
     # Draw the best one last, on top.
     for rank, row in reversed(list(enumerate(kept))):
         for o in _furniture(actor, row):
-            red, green, blue = (part / 255 for part in category_colour(o.label))
+            red, green, blue = rgb(category_colour(o.label))
             axes.add_patch(
                 Polygon(
                     o.footprint, facecolor=(red, green, blue, 0.12 if rank else 0.45),
@@ -488,20 +475,20 @@ def _candidates(
             )  # fmt: skip
             front = o.placement.apply(np.array([[0.0, 0.0, 0.0], [0.0, 0.25, 0.0]]))
             axes.plot(*front[:, :2].T, color=(red, green, blue), lw=1.0 if rank else 2.0)
-    axes.plot(*way[:, :2].T, color=_LINES, lw=1)
-    axes.plot(*stretch[:, :2].T, color=_INK, lw=2.4, solid_capstyle="round")
+    axes.plot(*way[:, :2].T, color=LINES, lw=1)
+    axes.plot(*stretch[:, :2].T, color=INK, lw=2.4, solid_capstyle="round")
     words = [
         f"{', '.join(actor.library[r.candidate.scenelet].labels)} {r.candidate.gain:+.0f} nat"
         for r in kept
     ]
     axes.text(
-        0.03, 0.03, "\n".join(words), transform=axes.transAxes, fontsize=8, color=_INK, va="bottom"
+        0.03, 0.03, "\n".join(words), transform=axes.transAxes, fontsize=8, color=INK, va="bottom"
     )
     middle = kept[0].candidate.placement if kept else stretch.mean(0)
     axes.set_xlim(middle[0] - _AROUND, middle[0] + _AROUND)
     axes.set_ylim(middle[1] - _AROUND, middle[1] + _AROUND)
     axes.set_aspect("equal")
-    _tidy(axes)
+    tidy(axes)
     _title(axes, f"frame {actor.clip.frame_ids[centre]}")
 
 
@@ -516,11 +503,5 @@ def _runs(flags: NDArray[np.bool_]) -> Iterable[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in edges.reshape(-1, 2)]
 
 
-def _tidy(axes: Axes) -> None:
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.spines[["left", "bottom"]].set_color(_LINES)
-    axes.tick_params(colors=_QUIET, labelsize=8)
-
-
 def _title(axes: Axes, text: str) -> None:
-    axes.set_title(text, fontsize=10, color=_INK, loc="left")
+    axes.set_title(text, fontsize=10, color=INK, loc="left")

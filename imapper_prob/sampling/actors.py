@@ -137,12 +137,14 @@ def _one_after_the_other(
     Poses and depths of taller actors are scaled up, because paths depend on stature only in this
     way. Scenelets have their own sizes, whose prior is wide enough for different people.
     """
+    earlier = np.cumsum([0, *(len(s.problem.stays) for s in solutions)])[:-1].tolist()
     problems = [
         s.problem._replace(
             path_centre=s.problem.path_centre + np.array([0.0, by]),
+            path_stay=np.where(s.problem.path_stay < 0, -1, s.problem.path_stay + stays),
             poses=s.problem.poses * math.exp(by),
         )
-        for s, by in zip(solutions, stature, strict=True)
+        for s, by, stays in zip(solutions, stature, earlier, strict=True)
     ]
     frames: dict[str, Any] = {
         name: np.concatenate([getattr(p, name) for p in problems]) for name in _BY_FRAME

@@ -25,12 +25,13 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.statement_rows import log_by_chance, tell
 from imapper_prob.models.statements import ObjectAt, Statement, describe
+from imapper_prob.progress import Progress
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities
 from imapper_prob.samplers.reweighting import Reweighted, bridge, families_of, resample
 from imapper_prob.samplers.verdict import Verdict, judge
 from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.chain import Setup, tempered
-from imapper_prob.sampling.sample import Progress, Samples, functionals, sample_scenes, setup_of
+from imapper_prob.sampling.sample import Samples, functionals, sample_scenes, setup_of
 from imapper_prob.sampling.steps import Walker
 from imapper_prob.sampling.visits import Visits
 from imapper_prob.solver.solver import Solution

@@ -22,6 +22,7 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.text import Listed, brief
+from imapper_prob.progress import Progress
 from imapper_prob.samplers.chains import ChainError, Workers, run_chains
 from imapper_prob.samplers.checkpoint import CheckpointError, checkpoint_of, run_resumable_chains
 from imapper_prob.samplers.diagnostics import (
@@ -55,7 +56,6 @@ from imapper_prob.solver.solver import Solution
 __all__ = ["Progress", "Samples", "functionals", "sample_scenes", "setup_of"]
 
 Array = NDArray[np.float64]
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)

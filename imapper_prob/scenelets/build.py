@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -49,8 +49,6 @@ from imapper_prob.scenelets.pigraphs import pigraphs_recordings, read_pigraphs
 
 __all__ = [
     "SOURCES",
-    "BuildSettings",
-    "CutSettings",
     "body_scale",
     "build_library_from",
     "captures_from",
@@ -71,42 +69,25 @@ Array = NDArray[np.float64]
 # to 4 s) of sitting. So a clip ends after a second on either side even if the distance is shorter,
 # and clips are centred at least every second. Several clips of one stay count as one by their
 # weights.
-#
 
 Ints = NDArray[np.int64]
 
-
-@dataclass(frozen=True)
-class CutSettings:
-    """Parameters of cutting motion into clips.
-
-    Parameters
-    ----------
-    way : float
-        Length of the pelvis path in a clip, metres. In i3DB 1 m gives the 14-20 frames of the
-        paper's clips.
-    way_between : float
-        Metres of path between the centres of clips, so four clips share each place of a walk.
-    longest : float
-        Longest duration of a clip in seconds, that of the paper's longest clips.
-    time_between : float
-        Longest time between the centres of clips, seconds.
-    shortest : float
-        Shortest duration of a clip in seconds, that of a metre of fast walking. Shorter ones were
-        cut off by the end of tracking, or are jumps of the tracker.
-    smoothing_radius : float
-        Metres of path on either side over which a point of the path is averaged (paper).
-    smoothing_passes : int
-        Number of averaging passes (paper).
-    """
-
-    way: float = 1.0
-    way_between: float = 0.25
-    longest: float = 2.0
-    time_between: float = 1.0
-    shortest: float = 0.6
-    smoothing_radius: float = 0.01
-    smoothing_passes: int = 10
+_WAY: Final = 1.0
+"""Length of the pelvis path in a clip, metres. In i3DB 1 m gives the 14-20 frames of the paper's
+clips."""
+_WAY_BETWEEN: Final = 0.25
+"""Metres of path between the centres of clips, so four clips share each place of a walk; chosen."""
+_LONGEST: Final = 2.0
+"""Longest duration of a clip in seconds, that of the paper's longest clips."""
+_TIME_BETWEEN: Final = 1.0
+"""Longest time between the centres of clips, seconds; chosen."""
+_SHORTEST: Final = 0.6
+"""Shortest duration of a clip in seconds, that of a metre of fast walking. Shorter ones were cut
+off by the end of tracking, or are jumps of the tracker."""
+_SMOOTHING_RADIUS: Final = 0.01
+"""Metres of path on either side over which a point of the path is averaged (paper)."""
+_SMOOTHING_PASSES: Final = 10
+"""Number of averaging passes (paper)."""
 
 
 def smooth_path(path: ArrayLike, *, radius: float, passes: int) -> Array:
@@ -135,7 +116,7 @@ def smooth_path(path: ArrayLike, *, radius: float, passes: int) -> Array:
     return smooth
 
 
-def cut(path: ArrayLike, *, fps: float, settings: CutSettings) -> Ints:
+def cut(path: ArrayLike, *, fps: float) -> Ints:
     """Cut an uninterrupted motion into clips.
 
     Parameters
@@ -144,7 +125,6 @@ def cut(path: ArrayLike, *, fps: float, settings: CutSettings) -> Ints:
         Pelvis in top view, metres, regular frames.
     fps : float
         Frames per second.
-    settings : CutSettings
 
     Returns
     -------
@@ -155,19 +135,17 @@ def cut(path: ArrayLike, *, fps: float, settings: CutSettings) -> Ints:
     path = np.asarray(path, float)
     if len(path) < 2:
         return np.empty((0, 2), dtype=np.int64)
-    way = _way(
-        smooth_path(path, radius=settings.smoothing_radius, passes=settings.smoothing_passes)
-    )
+    way = _way(smooth_path(path, radius=_SMOOTHING_RADIUS, passes=_SMOOTHING_PASSES))
     # A centre wherever the next step of path or of time is complete, whichever comes first.
-    hurry = np.maximum(np.diff(way) / settings.way_between, 1.0 / fps / settings.time_between)
+    hurry = np.maximum(np.diff(way) / _WAY_BETWEEN, 1.0 / fps / _TIME_BETWEEN)
     progress = np.concatenate([[0.0], np.cumsum(hurry)])
     # Rounding errors of sums must not delay a centre to the next frame.
     centres = np.searchsorted(progress + 1e-9, np.arange(0.5, progress[-1]))
-    half = round(settings.longest / 2 * fps)
-    first = np.searchsorted(way, way[centres] - settings.way / 2 - 1e-9, "left")
-    end = np.searchsorted(way, way[centres] + settings.way / 2 + 1e-9, "right")
+    half = round(_LONGEST / 2 * fps)
+    first = np.searchsorted(way, way[centres] - _WAY / 2 - 1e-9, "left")
+    end = np.searchsorted(way, way[centres] + _WAY / 2 + 1e-9, "right")
     clips = np.stack([np.maximum(first, centres - half), np.minimum(end, centres + half + 1)], 1)
-    lasting = clips[:, 1] - clips[:, 0] > settings.shortest * fps - 1e-9
+    lasting = clips[:, 1] - clips[:, 0] > _SHORTEST * fps - 1e-9
     unique: Ints = np.unique(clips[lasting], axis=0)
     return unique
 
@@ -209,27 +187,13 @@ _CELLS: Final = 20
 with the area walked on and not with the duration."""
 _ROWS_AT_ONCE: Final = 1000
 """Rows of the distance matrix between the cells of a room that are computed at once."""
-
-
-@dataclass(frozen=True)
-class BuildSettings:
-    """Parameters of building a library.
-
-    Parameters
-    ----------
-    cutting : CutSettings
-    fps : float
-        Frames per second of all scenelets; that of the built-in library.
-    bridged : float
-        Longest gap in tracking that is interpolated linearly, seconds; longer ones end a clip.
-    density_width : float
-        Standard deviation in metres of the kernel over origins of scenelets (paper).
-    """
-
-    cutting: CutSettings = field(default_factory=CutSettings)
-    fps: float = 10.0
-    bridged: float = 0.3
-    density_width: float = 0.2
+_FPS: Final = 10.0
+"""Frames per second of all scenelets, those of the built-in library."""
+_BRIDGED: Final = 0.3
+"""Longest gap in tracking that is interpolated linearly, seconds; longer ones end a clip.
+Chosen."""
+_DENSITY_WIDTH: Final = 0.2
+"""Standard deviation in metres of the kernel over origins of scenelets (paper)."""
 
 
 @dataclass(frozen=True)
@@ -286,9 +250,7 @@ class _Motion:
         return self.joints[middle, PELV, :2]
 
 
-def build_library_from(
-    captures: Sequence[Capture], *, name: str, settings: BuildSettings | None = None
-) -> tuple[Library, BuildReport]:
+def build_library_from(captures: Sequence[Capture], *, name: str) -> tuple[Library, BuildReport]:
     """Build a library from recordings.
 
     Parameters
@@ -297,7 +259,6 @@ def build_library_from(
         Captures of one room have the same ``scene``; names are unique.
     name : str
         Name of the library.
-    settings : BuildSettings, optional
 
     Returns
     -------
@@ -311,7 +272,6 @@ def build_library_from(
     InputError
         There are no captures, two of the same name, or none gives a scenelet.
     """
-    settings = settings or BuildSettings()
     twice = [n for n, count in Counter(c.name for c in captures).items() if count > 1]
     if twice:
         raise InputError(f"two captures are called {twice[0]!r}; rename one")
@@ -321,23 +281,23 @@ def build_library_from(
     for capture in captures:
         try:
             scales[capture.name] = _checked_scale(capture)
-            motions.append(_cut(capture, settings))
+            motions.append(_cut(capture))
         except InputError as error:
             skipped[capture.name] = str(error)
     if not motions:
         reasons = "; ".join(f"{n}: {reason}" for n, reason in skipped.items())
         raise InputError(f"library {name} would be empty; {reasons or 'no captures were given'}")
-    weights = _weights(motions, settings)
+    weights = _weights(motions)
     scenelets = [
         scenelet
         for motion, own in zip(motions, weights, strict=True)
-        for scenelet in _scenelets(motion, own, scales[motion.capture.name], settings)
+        for scenelet in _scenelets(motion, own, scales[motion.capture.name])
     ]
     report = BuildReport(
         n_scenelets={m.capture.name: len(m.clips) for m in motions},
         n_bare=sum(not s.objects for s in scenelets),
         scales=scales,
-        lost={m.capture.name: _lost(m.joints) / settings.fps for m in motions},
+        lost={m.capture.name: _lost(m.joints) / _FPS for m in motions},
         skipped=skipped,
     )
     return Library(name, tuple(scenelets)), report
@@ -400,26 +360,24 @@ def _checked_scale(capture: Capture) -> float:
     return scale
 
 
-def _cut(capture: Capture, settings: BuildSettings) -> _Motion:
+def _cut(capture: Capture) -> _Motion:
     times = np.arange(len(capture.joints)) / capture.fps
-    moments = np.arange(int(np.floor(times[-1] * settings.fps + 1e-9)) + 1) / settings.fps
+    moments = np.arange(int(np.floor(times[-1] * _FPS + 1e-9)) + 1) / _FPS
     # A gap includes the steps to and from the lost frames.
-    joints = joints_at(moments, times, capture.joints, bridged=settings.bridged + 1.0 / capture.fps)
+    joints = joints_at(moments, times, capture.joints, bridged=_BRIDGED + 1.0 / capture.fps)
     nearest = np.minimum(np.rint(moments * capture.fps).astype(int), len(times) - 1)
     clips = [
-        first + cut(joints[first:end, PELV, :2], fps=settings.fps, settings=settings.cutting)
+        first + cut(joints[first:end, PELV, :2], fps=_FPS)
         for first, end in stretches(np.isfinite(joints[:, PELV, 0]))
     ]
     found = np.concatenate([*clips, np.empty((0, 2), dtype=np.int64)])
     if not len(found):
-        raise InputError(
-            f"nobody was tracked for {settings.cutting.shortest:g} s without interruption"
-        )
+        raise InputError(f"nobody was tracked for {_SHORTEST:g} s without interruption")
     actions = tuple(capture.actions[i] for i in nearest) if capture.actions else ()
     return _Motion(capture, joints, actions, found)
 
 
-def _weights(motions: Sequence[_Motion], settings: BuildSettings) -> list[Array]:
+def _weights(motions: Sequence[_Motion]) -> list[Array]:
     """(C,) weights for each motion; all scenelets of a room are counted together."""
     origins = [m.origins for m in motions]
     owner = np.repeat(np.arange(len(motions)), [len(o) for o in origins])
@@ -428,13 +386,11 @@ def _weights(motions: Sequence[_Motion], settings: BuildSettings) -> list[Array]
     weights = np.empty(len(everything))
     for room in np.unique(rooms):
         inside = rooms == room
-        weights[inside] = weights_by_density(everything[inside], settings.density_width)
+        weights[inside] = weights_by_density(everything[inside], _DENSITY_WIDTH)
     return [weights[owner == i] for i in range(len(motions))]
 
 
-def _scenelets(
-    motion: _Motion, weights: Array, scale: float, settings: BuildSettings
-) -> list[Scenelet]:
+def _scenelets(motion: _Motion, weights: Array, scale: float) -> list[Scenelet]:
     result = []
     for index, ((first, end), weight) in enumerate(zip(motion.clips, weights, strict=True)):
         own = localised(
@@ -442,7 +398,7 @@ def _scenelets(
             _usual(motion.actions[first:end]),
             motion.joints[first:end],
             motion.capture.objects,
-            fps=settings.fps,
+            fps=_FPS,
         )
         # Scale about the local origin, which is on the floor below the pelvis.
         result.append(replace(own, joints=own.joints / scale, weight=float(weight)))

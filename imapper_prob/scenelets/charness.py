@@ -240,9 +240,7 @@ def motion_distances(library: Library) -> Array:
     return descriptor_distances(motion_descriptors([s.joints for s in library]))
 
 
-def charness_maps(
-    distances: Array, histograms: Array, weights: ArrayLike, *, width: float = KERNEL_WIDTH
-) -> Array:
+def charness_maps(distances: Array, histograms: Array, weights: ArrayLike) -> Array:
     """Mean furniture histograms of the motions similar to each motion.
 
     Parameters
@@ -253,15 +251,13 @@ def charness_maps(
         Of :func:`~imapper_prob.scenelets.charness.object_histograms`.
     weights : (L,) float
         :attr:`~imapper_prob.models.scenelet.Scenelet.weight` of each scenelet.
-    width : float
-        Standard deviation of the Gaussian kernel, metres.
 
     Returns
     -------
     (M, C, 5, 5) float
         Mean over library motions, weighted by similarity.
     """
-    kernel = _kernel(distances, width) * np.asarray(weights, float)
+    kernel = _kernel(distances) * np.asarray(weights, float)
     kernel /= kernel.sum(1, keepdims=True)
     # As above, no product of matrices.
     maps: Array = np.einsum("ml,lcij->mcij", kernel, histograms, optimize=False)
@@ -295,10 +291,14 @@ def charness(library: Library, distances: Array) -> Array:
     return largest
 
 
+_EVEN: Final = 0.1
+"""Part of the probability of a proposal that is spread evenly; chosen."""
+
+
 def similarity(distances: Array) -> Array:
     """(L, L) rows of probabilities of proposing another scenelet instead of one.
 
-    A tenth is spread evenly, so that every exchange is possible; the rest follows the kernel.
+    A part is spread evenly, so that every exchange is possible; the rest follows the kernel.
 
     Parameters
     ----------
@@ -314,14 +314,14 @@ def similarity(distances: Array) -> Array:
         return np.ones((1, 1))
     others = distances.copy()
     np.fill_diagonal(others, np.inf)
-    kernel = _kernel(others, KERNEL_WIDTH)
+    kernel = _kernel(others)
     even = (1.0 - np.eye(n)) / (n - 1)
-    rows: Array = 0.9 * kernel / kernel.sum(1, keepdims=True) + 0.1 * even
+    rows: Array = (1 - _EVEN) * kernel / kernel.sum(1, keepdims=True) + _EVEN * even
     return rows
 
 
-def _kernel(distances: Array, width: float) -> Array:
+def _kernel(distances: Array) -> Array:
     """Gaussian kernel in distance, relative to the nearest motion of each row."""
     nearest = distances.min(1, keepdims=True)
-    kernel: Array = np.exp(-0.5 * (distances**2 - nearest**2) / width**2)
+    kernel: Array = np.exp(-0.5 * (distances**2 - nearest**2) / KERNEL_WIDTH**2)
     return kernel

@@ -25,6 +25,7 @@ from scipy.linalg import eigh
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import minimum_spanning_tree, shortest_path
 
+from imapper_prob.models.drawing import INK, LINES, QUIET, rgb
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import HEAD, LELB, LSHO, LWRI, PELV, RELB, RSHO, RWRI
 from imapper_prob.plotting import Colour, action_colour, category_colour
@@ -181,9 +182,6 @@ def _span(values: Array) -> str:
 # ------------------------------------------------------------------------------------------------
 # Figures. Each function returns one; matplotlib's current figure is not changed.
 
-_INK: Final = "#2b2f36"
-_QUIET: Final = "#7d848f"
-_LINES: Final = "#dcdfe4"
 _CHARNESS_COLOURS: Final = "viridis"
 _DOT: Final = 11.0
 """Area of a scenelet's dot, square points."""
@@ -223,24 +221,24 @@ def embedding_figure(library: Library, distances: Array, charness: Array) -> Fig
         *points[order].T, c=charness[order], s=_DOT, lw=0, vmin=0, cmap=_CHARNESS_COLOURS
     )
     bar = figure.colorbar(dots, ax=left, location="left", shrink=0.6)
-    bar.set_label("charness", color=_INK)
+    bar.set_label("charness", color=INK)
     bar.outline.set_visible(False)  # type: ignore[operator]
-    bar.ax.tick_params(colors=_QUIET, labelsize=9)
-    left.set_title("how much the motion says about furniture", fontsize=11, color=_INK)
+    bar.ax.tick_params(colors=QUIET, labelsize=9)
+    left.set_title("how much the motion says about furniture", fontsize=11, color=INK)
 
     for action in _by_count(actions):
         chosen = actions == action
         label = f"{action} ({chosen.sum()})"
         right.scatter(
-            *points[chosen].T, s=_DOT, lw=0, color=_rgb(action_colour(action)), label=label
+            *points[chosen].T, s=_DOT, lw=0, color=rgb(action_colour(action)), label=label
         )
     right.legend(
-        loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, labelcolor=_INK, markerscale=2
+        loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, labelcolor=INK, markerscale=2
     )
-    right.set_title("what is done", fontsize=11, color=_INK)
+    right.set_title("what is done", fontsize=11, color=INK)
     for axes in (left, right):
         axes.set(aspect="equal", xticks=[], yticks=[])
-        axes.spines[:].set_color(_LINES)
+        axes.spines[:].set_color(LINES)
     return figure
 
 
@@ -275,17 +273,17 @@ def furniture_figure(
     figure.supxlabel(
         f"cells of {CELL:g} m around the person, who faces up; "
         "colour: overlap with furniture, mean of similar motions; squares: in this scenelet",
-        color=_QUIET, fontsize=9,
+        color=QUIET, fontsize=9,
     )  # fmt: skip
     for axes, row in zip(grid, rows, strict=True):
         draw_from_above(axes[0], library[row])
-        axes[0].set_ylabel(library[row].name, fontsize=9, color=_INK)
+        axes[0].set_ylabel(library[row].name, fontsize=9, color=INK)
     for column, category in zip(grid[:, 1:].T, np.flatnonzero(seen), strict=True):
         label = labels[category]
-        column[0].set_title(label, fontsize=10, color=_INK)
+        column[0].set_title(label, fontsize=10, color=INK)
         for k, (axes, row) in enumerate(zip(column, rows, strict=True)):
             _draw_cells(axes, own[row, category], around[k, category], category_colour(label))
-    grid[0, 0].set_title("from above", fontsize=10, color=_INK)
+    grid[0, 0].set_title("from above", fontsize=10, color=INK)
     return figure
 
 
@@ -308,7 +306,7 @@ def charness_figure(library: Library, charness: Array) -> Figure:
     _headline(figure, f"How much a motion says about furniture (library {library.name})")
     for height, action in enumerate(rows):
         values = np.sort(charness[actions == action])
-        colour = _rgb(action_colour(action))
+        colour = rgb(action_colour(action))
         if np.ptp(values) > 0:
             shape = axes.violinplot(
                 values, [height], orientation="horizontal", widths=0.85, showextrema=False
@@ -318,13 +316,13 @@ def charness_figure(library: Library, charness: Array) -> Figure:
         # Values at different heights, spread deterministically by the golden ratio.
         spread = (np.arange(len(values)) * 0.618034) % 1.0 - 0.5
         axes.scatter(values, height + 0.45 * spread, s=7, lw=0, color=colour)
-        axes.plot([np.median(values)] * 2, [height - 0.3, height + 0.3], color=_INK, lw=2)
+        axes.plot([np.median(values)] * 2, [height - 0.3, height + 0.3], color=INK, lw=2)
     axes.set_yticks(range(len(rows)), [f"{a} ({(actions == a).sum()})" for a in rows])
     axes.set_xlim(0, 1)
-    axes.set_xlabel("charness (bar: median)", color=_INK)
+    axes.set_xlabel("charness (bar: median)", color=INK)
     axes.spines[["top", "right", "left"]].set_visible(False)
-    axes.spines["bottom"].set_color(_LINES)
-    axes.tick_params(colors=_QUIET, labelcolor=_INK, left=False)
+    axes.spines["bottom"].set_color(LINES)
+    axes.tick_params(colors=QUIET, labelcolor=INK, left=False)
     return figure
 
 
@@ -362,38 +360,33 @@ def draw_from_above(axes: Axes, scenelet: Scenelet) -> None:
     scenelet : Scenelet
     """
     for o in scenelet.objects:
-        colour = _rgb(category_colour(o.label))
+        colour = rgb(category_colour(o.label))
         for part in sorted(o.cuboids, key=lambda c: float(c.centre[2] + c.size[2] / 2)):
             corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) * part.size / 2
             outline = o.placement.apply(part.centre + corners)[:, :2]
             axes.add_patch(Polygon(outline, fc=(*colour, 0.25), ec=colour, lw=0.6))
     joints = scenelet.joints
     for t in np.linspace(0, scenelet.n_frames - 1, _STOPS).round().astype(int):
-        axes.plot(*joints[t][[LSHO, RSHO], :2].T, color=_QUIET, lw=1.2, alpha=0.7)
-    axes.plot(*joints[:, PELV, :2].T, color=_QUIET, lw=1)
+        axes.plot(*joints[t][[LSHO, RSHO], :2].T, color=QUIET, lw=1.2, alpha=0.7)
+    axes.plot(*joints[:, PELV, :2].T, color=QUIET, lw=1)
     middle = joints[scenelet.n_frames // 2]
-    axes.plot(*middle[list(_ARMS), :2].T, color=_INK, lw=1.6, solid_joinstyle="round")
-    axes.scatter(middle[HEAD, 0], middle[HEAD, 1], s=18, color=_INK, zorder=3)
+    axes.plot(*middle[list(_ARMS), :2].T, color=INK, lw=1.6, solid_joinstyle="round")
+    axes.scatter(middle[HEAD, 0], middle[HEAD, 1], s=18, color=INK, zorder=3)
     axes.set(xlim=(-_EDGE, _EDGE), ylim=(-_EDGE, _EDGE), aspect="equal", xticks=[], yticks=[])
-    axes.spines[:].set_color(_LINES)
+    axes.spines[:].set_color(LINES)
 
 
 def _draw_cells(axes: Axes, own: Array, around: Array, colour: Colour) -> None:
     """Draw the grid of a category: colours for similar motions, squares for one scenelet."""
-    hue = np.array(_rgb(colour))
+    hue = np.array(rgb(colour))
     shades = LinearSegmentedColormap.from_list("overlap", np.stack([np.ones(3), hue, 0.6 * hue]))
-    axes.pcolormesh(EDGES, EDGES, around, cmap=shades, vmin=0, vmax=1, ec=_LINES, lw=0.5)
+    axes.pcolormesh(EDGES, EDGES, around, cmap=shades, vmin=0, vmax=1, ec=LINES, lw=0.5)
     x, y = np.meshgrid((EDGES[1:] + EDGES[:-1]) / 2, (EDGES[1:] + EDGES[:-1]) / 2)
-    axes.scatter(x, y, s=30 * own, marker="s", color=_INK, lw=0)
-    axes.scatter(0, 0, s=9, marker="^", fc="white", ec=_QUIET, lw=0.6)
+    axes.scatter(x, y, s=30 * own, marker="s", color=INK, lw=0)
+    axes.scatter(0, 0, s=9, marker="^", fc="white", ec=QUIET, lw=0.6)
     axes.set(aspect="equal", xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
 
 
 def _headline(figure: Figure, text: str) -> None:
-    figure.suptitle(text, color=_INK, fontsize=12)
-
-
-def _rgb(colour: Colour) -> tuple[float, float, float]:
-    red, green, blue = colour
-    return red / 255, green / 255, blue / 255
+    figure.suptitle(text, color=INK, fontsize=12)

@@ -19,7 +19,16 @@ from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
 from imapper_prob.models.scene import Placement, SceneObject
 from imapper_prob.models.scenelet import Library, Scenelet
-from imapper_prob.models.skeleton import DETECTED, LANK, PELV, RANK, blend_poses, facing, turned
+from imapper_prob.models.skeleton import (
+    DETECTED,
+    LANK,
+    PELV,
+    RANK,
+    blend_poses,
+    facing,
+    minimum_jerk,
+    turned,
+)
 
 __all__ = [
     "Gait",
@@ -313,13 +322,12 @@ PACE: Final = 1.0
 """Approximate walking speed indoors, metres a second."""
 CORNER: Final = 0.35
 """Length in metres over which a corner of the path is rounded."""
-
-
-def _minimum_jerk(progress: ArrayLike) -> Array:
-    """Minimum-jerk position (Flash and Hogan 1985): 0 to 1, constant outside that progress."""
-    s = np.clip(np.asarray(progress, float), 0.0, 1.0)
-    position: Array = s**3 * (10 - 15 * s + 6 * s**2)
-    return position
+_GRID: Final = 0.02
+"""Distance in metres between the points of a path while its corners are rounded; chosen."""
+_SPEEDS: Final = (0.8, 1.15)
+"""Range of walking speeds of a body of the reference size, metres a second; chosen about `PACE`."""
+_EVENNESS: Final = 5.0
+"""Concentration of the Dirichlet distribution that divides spare time among stays; chosen."""
 
 
 @dataclass(frozen=True)
@@ -449,9 +457,9 @@ def _leg(corners: Array, *, speed: float, fps: float) -> _Leg:
     """Walk along a polyline (k, 2) with rounded corners."""
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=-1)
     at = np.concatenate([[0], lengths.cumsum()])
-    fine = np.linspace(0.0, at[-1], max(int(at[-1] / 0.02), 2))
+    fine = np.linspace(0.0, at[-1], max(int(at[-1] / _GRID), 2))
     line = np.stack([np.interp(fine, at, corners[:, k]) for k in range(2)], -1)
-    width = 2 * int(CORNER / 0.04) + 1
+    width = 2 * int(CORNER / (2 * _GRID)) + 1
     if len(line) > 2 * width:
         line = _smoothed(line, width)
     walked = np.concatenate([[0], np.linalg.norm(np.diff(line, axis=0), axis=-1).cumsum()])
@@ -480,7 +488,7 @@ def _settled(first: Array, last: Array, turn: Array, n_frames: int) -> Array:
 
     The pelvis follows a parabola whose control point is ``turn`` (2,).
     """
-    weight = _minimum_jerk(np.arange(1, n_frames + 1) / (n_frames + 1))
+    weight = minimum_jerk(np.arange(1, n_frames + 1) / (n_frames + 1))
     yaw_change = float(np.angle(np.exp(1j * (facing(last) - facing(first)))))
     # Both poses are rotated to the same yaw before blending, and the yaw is interpolated
     # separately.
@@ -547,14 +555,14 @@ def walk_between(
 
     None if the walks leave too little time for the stays.
     """
-    speed = rng.uniform(0.8, 1.15) * scale
+    speed = rng.uniform(*_SPEEDS) * scale
     legs = [_leg(route, speed=speed, fps=fps) for route in routes]
     pause = round(SETTLING * fps)
     on_the_way = sum(len(leg.yaw) for leg in legs) + (2 * len(stays) - 1) * pause
     spare = n_frames - on_the_way - shortest_stay * len(stays)
     if spare < 0:
         return None
-    lengths = shortest_stay + rng.multinomial(spare, rng.dirichlet(np.full(len(stays), 5.0)))
+    lengths = shortest_stay + rng.multinomial(spare, rng.dirichlet(np.full(len(stays), _EVENNESS)))
     parts: list[Array] = []
     which: list[int] = []
     for index, (leg, stay, length) in enumerate(zip(legs, stays, lengths, strict=True)):

@@ -7,7 +7,7 @@ So furniture found from one actor is in the same world frame for all.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
 from itertools import combinations
@@ -35,12 +35,13 @@ from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import CameraSettings, Settings
 from imapper_prob.models.skeleton import LANK, LKNE, PELV, RANK, RKNE, THRX
+from imapper_prob.progress import Progress
 from imapper_prob.solver.camera_prior import estimate_camera
 from imapper_prob.solver.candidates import refine
 from imapper_prob.solver.combinations import polish, state_of
 from imapper_prob.solver.detections import own_detections
 from imapper_prob.solver.limbs import limbs_of
-from imapper_prob.solver.solver import METHODS, Solution, method_of, solve
+from imapper_prob.solver.solver import METHODS, Solution, diverse_scenes, method_of, solve
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,7 +56,6 @@ __all__ = [
     "solved",
 ]
 
-Progress = Callable[[str, float], None]
 _SHARED, _BODY = [0, 1, 2, 4], 3
 """Indices in a camera prior: the camera's parameters, and the body scale of each actor."""
 
@@ -316,18 +316,21 @@ def solved(clip: Clip, actors: Sequence[Solution], *, count: int = 5) -> Solved:
     -------
     Solved
     """
-    # Polishing changes the camera, which several actors share; so it is done only for one.
-    finish = refine if len(actors) > 1 else _polished
-    by_actor = [
-        method_of(a.problem).scenes(a, first, finish=finish, count=count)
-        for a, first in zip(actors, _best_together(actors), strict=True)
-    ]
+    diverse = method_of(actors[0].problem).diverse
+    by_actor = [a.states[:count] for a in actors]
+    if diverse:
+        # Polishing changes the camera, which several actors share; so it is done only for one.
+        finish = refine if len(actors) > 1 else _polished
+        by_actor = [
+            diverse_scenes(a, first, finish=finish, count=count)
+            for a, first in zip(actors, _best_together(actors), strict=True)
+        ]
     ranks = range(max(len(states) for states in by_actor))
     scenes = [
         _scene(clip, actors, [states[min(rank, len(states) - 1)] for states in by_actor])
         for rank in ranks
     ]
-    if method_of(actors[0].problem).by_log_posterior:
+    if diverse:
         scenes.sort(key=lambda scene: -scene.log_posterior)
     return Solved(clip, tuple(actors), tuple(scenes))
 

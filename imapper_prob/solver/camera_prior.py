@@ -124,7 +124,6 @@ def estimate_camera(
     clip: Clip,
     path: StaticPath,
     *,
-    track: int = 0,
     settings: CameraSettings | None = None,
     detector: DetectorSettings | None = None,
 ) -> CameraPrior:
@@ -146,11 +145,9 @@ def estimate_camera(
     ----------
     clip : Clip
         The pose of its camera is the mean of the prior; it also gives the error of the focal
-        length.
+        length. Its first track is that of the person.
     path : StaticPath
         Static path of that person.
-    track : int
-        Index of the person's track.
     settings : CameraSettings, optional
     detector : DetectorSettings, optional
         Determines below which confidence a foot counts as hidden.
@@ -171,7 +168,7 @@ def estimate_camera(
             f"clip {clip.name} has {clip.n_frames} frames, the static path {len(path.lift)}; "
             "estimate the path from this clip"
         )
-    feet = _feet(clip, path, track, settings, DetectionModel.of(detector or DetectorSettings()))
+    feet = _feet(clip, path, settings, DetectionModel.of(detector or DetectorSettings()))
     mode = _mode(feet)
     # The robust weights average 1 / spread^2, but the Fisher information of a Student-t observation
     # about its centre is only (dof + 1) / (dof + 3) of that.
@@ -309,7 +306,6 @@ def _descend(feet: _Feet, state: Array, *, tolerance: float = 1e-9) -> Array:
 def _feet(
     clip: Clip,
     path: StaticPath,
-    track: int,
     settings: CameraSettings,
     detections: DetectionModel,
 ) -> _Feet:
@@ -319,7 +315,7 @@ def _feet(
     is used only if both ankles of the frame are more probably hidden than seen.
     """
     ankles = path.joints[:, [RANK, LANK]]
-    confidences = clip.tracks[track].confidences[:, [RANK, LANK]]
+    confidences = clip.tracks[0].confidences[:, [RANK, LANK]]
     height = clip.camera.to_world(ankles)[..., 2]
     guessed = detections.confidence_density(confidences).argmax(-1) == 0
     lower = np.where(guessed & ~guessed.all(1, keepdims=True), np.inf, height).argmin(1)

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ from imapper_prob.models.log_posterior import (
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.text import Listed, brief
 from imapper_prob.models.view import to_floor, to_view
+from imapper_prob.progress import Progress
 from imapper_prob.solver.fits import Fits
 
 __all__ = [
@@ -205,21 +207,10 @@ def _stands_out(values: Array, window: int) -> bool:
 # ------------------------------------------------------------------------------------------------
 # Evaluation and refinement.
 
-Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class ScreenSettings:
-    """Parameters
-    ----------
-    each_kind : int
-        Fits of each kind of furniture that are evaluated per window.
-    worth : float
-        Nats by which a kind may be worse than the window's best and still be refined.
-    """
-
-    each_kind: int = 3
-    worth: float = 20.0
+_EACH_KIND: Final = 3
+"""Fits of each kind of furniture that are evaluated per window; chosen."""
+_WORTH: Final = 20.0
+"""Nats by which a kind may be worse than the window's best and still be refined; chosen."""
 
 
 @dataclass(frozen=True)
@@ -255,7 +246,6 @@ def screen(
     problem: Problem,
     fits: Fits,
     *,
-    settings: ScreenSettings | None = None,
     progress: Progress | None = None,
 ) -> tuple[Candidate, ...]:
     """Evaluate the best fits of every window and kind; candidates are in order of time.
@@ -264,7 +254,6 @@ def screen(
     ----------
     problem : Problem
     fits : Fits
-    settings : ScreenSettings, optional
     progress : callable, optional
         Called with the name of a stage and its completed share.
 
@@ -272,7 +261,6 @@ def screen(
     -------
     tuple of Candidate
     """
-    settings = settings or ScreenSettings()
     empty = empty_state(problem)
     value = log_posterior_near(problem, empty)
     base = value(empty)
@@ -282,14 +270,14 @@ def screen(
         judged: dict[tuple[int, ...], list[Candidate]] = {}
         for scenelet in np.argsort(fits.cost[w], kind="stable").tolist():
             own = judged.setdefault(kinds[scenelet], [])
-            if len(own) == settings.each_kind or not np.isfinite(fits.cost[w, scenelet]):
+            if len(own) == _EACH_KIND or not np.isfinite(fits.cost[w, scenelet]):
                 continue
             start = centre - int(problem.lengths[scenelet]) // 2
             placed = along_the_ray(problem, centre, fits.placements[w, scenelet])
             gain = value(empty.with_item(scenelet, start, *placed)) - base
             if np.isfinite(gain):
                 own.append(Candidate(scenelet, start, *placed, gain, kinds[scenelet], w))
-        found += _refined(problem, empty, base, judged, settings)
+        found += _refined(problem, empty, base, judged)
         if progress is not None:
             progress("judging candidates", (w + 1) / len(fits.centres))
     return tuple(found)
@@ -300,13 +288,12 @@ def _refined(
     empty: State,
     base: float,
     judged: dict[tuple[int, ...], list[Candidate]],
-    settings: ScreenSettings,
 ) -> list[Candidate]:
     """Candidates of one window; the best of each kind with furniture is refined if good enough."""
     everything = [c for own in judged.values() for c in own]
     if not everything:
         return []
-    enough = max(0.0, max(c.gain for c in everything)) - settings.worth
+    enough = max(0.0, max(c.gain for c in everything)) - _WORTH
     result = []
     for kind, own in judged.items():
         for rank, candidate in enumerate(sorted(own, key=lambda c: -c.gain)):
@@ -408,6 +395,13 @@ def along_the_ray(problem: Problem, frame: int, placement: Array) -> tuple[Array
     return placement * [np.exp(size), np.exp(size), 1.0], size
 
 
+_SPREAD: Final = np.array([0.02, 0.05, 0.15, 0.05])
+"""First steps of a refinement in bearing, log depth, yaw (rad), and log size at constant apparent
+size; chosen, about the error of a fit."""
+_EVALUATIONS: Final = 90
+"""Evaluations of the log-posterior to refine one scenelet; chosen."""
+
+
 def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None) -> State:
     """Optimise placements and sizes under the full posterior, one scenelet at a time (Nelder-Mead).
 
@@ -422,8 +416,6 @@ def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None)
     -------
     State
     """
-    # For bearing, log depth, yaw, and log size at constant apparent size.
-    step = np.array([0.02, 0.05, 0.15, 0.05])
     for index in range(state.n_scenelets) if only is None else only:
         value = log_posterior_near(problem, state)
         start = to_view(state.placements[index], state.sizes[index])
@@ -433,12 +425,12 @@ def refine(problem: Problem, state: State, *, only: Iterable[int] | None = None)
             placement, size = to_floor(theta + np.array([0.0, 0.0, 0.0, theta[1]]))
             return state.with_placement(index, placement, float(size))
 
-        simplex = start + np.vstack([np.zeros(4), np.diag(step)])
+        simplex = start + np.vstack([np.zeros(4), np.diag(_SPREAD)])
         result = minimize(
             lambda theta, placed=placed, value=value: -value(placed(theta)),
             start,
             method="Nelder-Mead",
-            options={"maxfev": 90, "initial_simplex": simplex},
+            options={"maxfev": _EVALUATIONS, "initial_simplex": simplex},
         )
         state = placed(result.x)
     return state

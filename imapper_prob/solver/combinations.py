@@ -31,6 +31,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count, islice
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,7 @@ from imapper_prob.models.log_posterior import (
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.text import Listed, brief
 from imapper_prob.models.view import to_floor, to_view
+from imapper_prob.progress import Progress
 from imapper_prob.solver.candidates import (
     Candidate,
     CharnessCurve,
@@ -159,6 +161,7 @@ _STEP = 0.02
 _NOWHERE = 1e6
 """Cost in nats of a state outside the support, because the optimiser needs finite values."""
 _ITERATIONS = 40
+"""Largest number of L-BFGS iterations; chosen."""
 _FAR = 20.0
 """Largest log depth (log m) of the search, which is outside the support."""
 
@@ -214,25 +217,13 @@ def polish(problem: Problem, state: State) -> State:
 # best scenes are refined, and in the best one candidates are exchanged
 # (:mod:`imapper_prob.solver.sequences`).
 
-Progress = Callable[[str, float], None]
-
-
-@dataclass(frozen=True)
-class CombineSettings:
-    """Parameters
-    ----------
-    kept : int
-        Candidates per maximum (3 in the paper), each of another kind of furniture.
-    tried : int
-        Combinations evaluated by the full log-posterior: as many as three candidates or none at
-        five maxima can give.
-    alternatives : int
-        Number of scenes in addition to the best one.
-    """
-
-    kept: int = 3
-    tried: int = 1024
-    alternatives: int = 4
+_KEPT: Final = 3
+"""Candidates per maximum (Monszpart et al. 2019), each of another kind of furniture."""
+_TRIED: Final = 1024
+"""Combinations evaluated by the full log-posterior: as many as three candidates or none at five
+maxima can give."""
+_ALTERNATIVES: Final = 4
+"""Scenes in addition to the best one; chosen."""
 
 
 @dataclass(frozen=True)
@@ -296,7 +287,6 @@ def combine(
     candidates: Sequence[Candidate],
     curve: CharnessCurve,
     *,
-    settings: CombineSettings | None = None,
     progress: Progress | None = None,
 ) -> Combinations:
     """Find the best scene by log-posterior, and diverse alternatives.
@@ -306,7 +296,6 @@ def combine(
     problem : Problem
     candidates : sequence of Candidate
     curve : CharnessCurve
-    settings : CombineSettings, optional
     progress : callable, optional
         Called with the name of a stage and its completed share.
 
@@ -314,9 +303,8 @@ def combine(
     -------
     Combinations
     """
-    settings = settings or CombineSettings()
-    groups = groups_of(candidates, curve, kept=settings.kept)
-    tried, left = search(problem, groups, tried=settings.tried)
+    groups = groups_of(candidates, curve)
+    tried, left = search(problem, groups, tried=_TRIED)
     pool = tuple(c for group in groups for c in group)
     ranked = [[pool[k] for k in t.members] for t in tried]
     if progress is not None:
@@ -327,31 +315,27 @@ def combine(
     if progress is not None:
         progress("exchanging", 1.0)
     states = [polish(problem, best)]
-    for own in _diverse(problem, ranked, best, settings.alternatives):
+    for own in _diverse(problem, ranked, best, _ALTERNATIVES):
         states.append(polish(problem, refine(problem, state_of(problem, own))))
         if progress is not None:
-            progress("refining scenes", len(states) / (1 + settings.alternatives))
+            progress("refining scenes", len(states) / (1 + _ALTERNATIVES))
     states.sort(key=lambda s: -log_posterior(problem, s))
     return Combinations(pool, tried, left, exchanges, tuple(states))
 
 
-def groups_of(
-    candidates: Sequence[Candidate], curve: CharnessCurve, *, kept: int
-) -> list[list[Candidate]]:
+def groups_of(candidates: Sequence[Candidate], curve: CharnessCurve) -> list[list[Candidate]]:
     """The best candidates of each maximum, in order of time.
 
     Parameters
     ----------
     candidates : sequence of Candidate
     curve : CharnessCurve
-    kept : int
-        Number of candidates per maximum.
 
     Returns
     -------
     list of list of Candidate
     """
-    return [_at(window, candidates, kept) for window in sorted(curve.maxima.tolist())]
+    return [_at(window, candidates) for window in sorted(curve.maxima.tolist())]
 
 
 def search(
@@ -424,14 +408,14 @@ def state_of(problem: Problem, members: Sequence[Candidate]) -> State:
     return assigned(empty_state(problem), members)
 
 
-def _at(window: int, candidates: Sequence[Candidate], kept: int) -> list[Candidate]:
+def _at(window: int, candidates: Sequence[Candidate]) -> list[Candidate]:
     """The best candidates near a window, each of another kind of furniture."""
     best: dict[tuple[int, ...], Candidate] = {}
     for c in candidates:
         near = abs(c.window - window) <= 1
         if near and c.kind and (c.kind not in best or c.gain > best[c.kind].gain):
             best[c.kind] = c
-    return sorted(best.values(), key=lambda c: -c.gain)[:kept]
+    return sorted(best.values(), key=lambda c: -c.gain)[:_KEPT]
 
 
 def _diverse(

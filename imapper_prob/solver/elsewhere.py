@@ -123,6 +123,10 @@ def frames_elsewhere(
     return away | between
 
 
+_SMALLEST: Final = 0.02
+"""Least height of a person as a fraction of the picture's; chosen, so that no height is zero."""
+
+
 def _heights(points: Array, confidences: Array, *, fps: float, picture: int) -> Array:
     """(T,) running median of the person's height in the image, pixels."""
     sure = confidences >= _SIZED
@@ -133,7 +137,9 @@ def _heights(points: Array, confidences: Array, *, fps: float, picture: int) -> 
     extent = np.nanmax(up, axis=1) - np.nanmin(up, axis=1)
     window = 2 * round(_HEIGHT_TIME * fps / 2) + 1
     extent = median_filter(extent, size=min(window, 2 * len(extent) - 1), mode="nearest")
-    result: Array = np.maximum(np.interp(np.arange(len(points)), frames, extent), 0.02 * picture)
+    result: Array = np.maximum(
+        np.interp(np.arange(len(points)), frames, extent), _SMALLEST * picture
+    )
     return result
 
 

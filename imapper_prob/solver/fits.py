@@ -8,9 +8,8 @@ published energy it uses squared residuals times confidence, its L_r.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,40 +23,27 @@ from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import PELV, THRX, facing
 from imapper_prob.models.text import brief
 from imapper_prob.models.view import to_floor
+from imapper_prob.progress import Progress
 
 if TYPE_CHECKING:
     from imapper_prob.solver.window_fits import WindowFitter
 
-__all__ = ["FitSettings", "Fits", "best_fits", "fit_windows", "free_pose_cost"]
+__all__ = ["Fits", "best_fits", "fit_windows", "free_pose_cost"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-
-@dataclass(frozen=True)
-class FitSettings:
-    """How scenelets are fitted to windows.
-
-    Parameters
-    ----------
-    stride : float
-        Seconds between the starts of neighbouring windows.
-    frame_step, screening_frame_step : int
-        Every how many frames of a scenelet are compared in the final fit and while screening;
-        neighbouring frames are redundant.
-    screening_steps, steps : int
-        Gauss-Newton steps from each yaw, and then from the best one.
-    device : str
-        The torch device: ``cpu``, ``cuda``, ``cuda:1``, ``mps``. Results on a CPU are reproducible;
-        elsewhere the order of summation may vary.
-    """
-
-    stride: float = 0.4
-    frame_step: int = 2
-    screening_frame_step: int = 4
-    screening_steps: int = 3
-    steps: int = 6
-    device: str = "cpu"
+_STRIDE: Final = 0.4
+"""Seconds between the centres of neighbouring windows; chosen."""
+_FRAME_STEP: Final = 2
+_SCREENING_FRAME_STEP: Final = 4
+"""Every how many frames of a scenelet are compared in the final fit and while screening; chosen:
+neighbouring frames are redundant."""
+_LEAST_DEPTH: Final = 0.3
+"""Least distance in metres at which a search starts; chosen, nearer than anybody is filmed."""
+_SCREENING_STEPS: Final = 3
+_STEPS: Final = 6
+"""Gauss-Newton steps from each yaw, and then from the best one; chosen."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +74,9 @@ def fit_windows(
     path: StaticPath,
     *,
     fps: float,
-    settings: FitSettings | None = None,
+    device: str = "cpu",
     squared: bool = False,
-    progress: Callable[[str, float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Fits:
     """Fit all scenelets to all windows at the mean of the camera prior.
 
@@ -102,7 +88,9 @@ def fit_windows(
     path : StaticPath
     fps : float
         Frames per second.
-    settings : FitSettings, optional
+    device : str
+        The torch device: ``cpu``, ``cuda``, ``cuda:1``, ``mps``. Results on a CPU are reproducible;
+        elsewhere the order of summation may vary.
     squared : bool
         Use the published L_r, squared residuals times confidence, instead of Student's t.
     progress : callable, optional
@@ -128,26 +116,24 @@ def fit_windows(
         one_thread,
     )
 
-    settings = settings or FitSettings()
-    device = device_named(settings.device)
+    where = device_named(device)
     with one_thread():
         fitter = SquaredWindowFitter if squared else WindowFitter
-        screening = fitter(problem, settings.screening_frame_step, device)
-        fitting = fitter(problem, settings.frame_step, device)
-        return _fit_windows(problem, path, fps, settings, screening, fitting, progress)
+        screening = fitter(problem, _SCREENING_FRAME_STEP, where)
+        fitting = fitter(problem, _FRAME_STEP, where)
+        return _fit_windows(problem, path, fps, screening, fitting, progress)
 
 
 def _fit_windows(
     problem: Problem,
     path: StaticPath,
     fps: float,
-    settings: FitSettings,
     screening: WindowFitter,
     fitting: WindowFitter,
-    progress: Callable[[str, float], None] | None,
+    progress: Progress | None,
 ) -> Fits:
     n_frames = problem.n_frames
-    centres = np.arange(0, n_frames, max(1, round(settings.stride * fps)))
+    centres = np.arange(0, n_frames, max(1, round(_STRIDE * fps)))
     lengths = problem.lengths
     world = _static_world(problem, path)
     placements = np.zeros((len(centres), len(lengths), 3))
@@ -167,13 +153,13 @@ def _fit_windows(
             continue
         # The pelvis is at the local origin in the centre frame, so the search starts below the
         # path's.
-        depth = max(pelvis[1], 0.3)
+        depth = max(pelvis[1], _LEAST_DEPTH)
         theta = np.tile([pelvis[0] / depth, np.log(depth), yaw], (4, len(index), 1))
         theta[..., 2] += np.arange(4)[:, None] * (np.pi / 2)
-        theta, rough = screening(centre, index, theta, settings.screening_steps)
+        theta, rough = screening(centre, index, theta, _SCREENING_STEPS)
         best = rough.argmin(0)
         theta = theta[best, np.arange(len(index))]
-        theta, fitted = fitting(centre, index, theta[None], settings.steps)
+        theta, fitted = fitting(centre, index, theta[None], _STEPS)
         placements[w, index], _ = to_floor(np.pad(theta[0], ((0, 0), (0, 1))))
         cost[w, index] = fitted[0]
         if progress is not None:

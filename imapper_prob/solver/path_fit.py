@@ -23,7 +23,7 @@ from scipy.linalg import solveh_banded
 
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.detector import REFERENCE_SIDE, student_t_loss
-from imapper_prob.models.settings import StaticPathSettings
+from imapper_prob.models.settings import NEAREST, StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.solver.poses import ANCESTORS, N_BONES, SPREADS, LiftedBody
 
@@ -39,8 +39,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
-_NEAREST: Final = 0.1
-"""Least depth of a joint in metres, so that its projection is finite."""
 REFERENCE_RATE: Final = 10.0
 """Frames per second to which step sizes refer."""
 _BRANCHES: Final[Array] = ANCESTORS[list(DETECTED)]
@@ -146,7 +144,7 @@ def pixel_residuals(observations: Observations, motion: Motion) -> Array:
         Pixels of the image.
     """
     camera, joints = observations.camera, _joints(motion)
-    depth = np.maximum(joints[..., 1], _NEAREST)
+    depth = np.maximum(joints[..., 1], NEAREST)
     projected = np.stack(
         [camera.cx + camera.fx * joints[..., 0] / depth,
          camera.cy - camera.fy * joints[..., 2] / depth], -1
@@ -159,7 +157,7 @@ def _pixel_jacobian(observations: Observations, motion: Motion, *, free_bones: b
     """(T, 28, 3 or 45) derivatives of the projections by the unknowns of their frame."""
     camera, joints = observations.camera, _joints(motion)
     n_frames, n_joints = joints.shape[:2]
-    depth = np.maximum(joints[..., 1], _NEAREST)
+    depth = np.maximum(joints[..., 1], NEAREST)
     by_joint = np.zeros((n_frames, n_joints, 2, 3))
     by_joint[..., 0, 0] = camera.fx / depth
     by_joint[..., 0, 1] = -camera.fx * joints[..., 0] / depth**2
@@ -313,6 +311,12 @@ def solve_chain(information: Array, pull: Array, walk: Array) -> Array:
     return result
 
 
+_STEPS: Final = 12
+"""Largest number of steps at the true pixel scale; chosen."""
+_GAIN: Final = 1e-3
+"""Gain of a step at the true pixel scale, nats, below which the fit ends; chosen."""
+
+
 def fit_motion(
     observations: Observations,
     start: Motion,
@@ -320,8 +324,6 @@ def fit_motion(
     *,
     free_bones: bool,
     annealing: Sequence[float],
-    steps: int = 12,
-    tolerance: float = 1e-3,
 ) -> Motion:
     """Gauss-Newton with step halving; the robust scale is annealed from wide to its true value.
 
@@ -337,10 +339,6 @@ def fit_motion(
         Whether bones are unknowns, or only the pelvis.
     annealing : sequence of float
         Factors on the pixel scale, one step for each.
-    steps : int
-        Largest number of further steps at factor 1.
-    tolerance : float
-        Nats; the fit ends when a step at factor 1 gains less.
 
     Returns
     -------
@@ -349,7 +347,7 @@ def fit_motion(
     weight = settings.frame_weight(observations.fps)
     walk = _walk_precision(settings, observations.fps, free_bones=free_bones)
     motion = start
-    for factor in (*annealing, *(1.0,) * steps):
+    for factor in (*annealing, *(1.0,) * _STEPS):
         scale = settings.pixel_scale * factor
         information, pull = evidence(
             observations, motion, settings, pixel_scale=scale, free_bones=free_bones
@@ -377,6 +375,6 @@ def fit_motion(
             if gain >= 0:
                 motion = candidate
                 break
-        if factor == 1.0 and gain < tolerance:
+        if factor == 1.0 and gain < _GAIN:
             break
     return motion

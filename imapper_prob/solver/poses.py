@@ -335,31 +335,10 @@ class FrameTable:
 
     __repr__ = brief
 
-    @classmethod
-    def unexamined(cls, detected: NDArray[np.int64]) -> FrameTable:
-        """Table of a path that was given: all poses are their own, and the fit is unknown.
-
-        Parameters
-        ----------
-        detected : (T,) int
-            Number of detected joints in each frame.
-
-        Returns
-        -------
-        FrameTable
-        """
-        n = len(detected)
-        return cls((PoseSource.OWN,) * n, detected, np.full(n, np.nan), np.zeros(n, dtype=bool))
-
     @property
     def filled(self) -> NDArray[np.bool_]:
         """(T,) frames whose pose is interpolated."""
         return np.array([p is not PoseSource.OWN for p in self.pose], dtype=bool)
-
-    @property
-    def elsewhere(self) -> NDArray[np.bool_]:
-        """(T,) frames in which the detector was not on the person."""
-        return np.array([p is PoseSource.ELSEWHERE for p in self.pose], dtype=bool)
 
     def counts(self) -> dict[str, int]:
         """Number of frames by origin of the pose, outliers, and frames without detection.

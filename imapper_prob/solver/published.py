@@ -11,7 +11,7 @@ by a Winsorisation. They are not used in the fit, and their joints are interpola
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Final
@@ -25,9 +25,10 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.published_terms import paper_energy
-from imapper_prob.models.settings import PaperWeights
+from imapper_prob.models.settings import NEAREST, PaperWeights
 from imapper_prob.models.skeleton import DETECTED
 from imapper_prob.models.view import to_floor, to_view
+from imapper_prob.progress import Progress
 from imapper_prob.solver.candidates import (
     Candidate,
     CharnessCurve,
@@ -42,6 +43,7 @@ from imapper_prob.solver.path_fit import Motion, Observations, pixel_residuals, 
 from imapper_prob.solver.poses import ANCESTORS, LiftedBody
 
 __all__ = [
+    "NEARBY",
     "PublishedSettings",
     "combine_published",
     "fast_frames",
@@ -55,6 +57,7 @@ Flags = NDArray[np.bool_]
 _WINSORISED: Final = 0.05
 """Share of velocities that a Winsorisation clips (Monszpart et al. 2019, section 6)."""
 _STEPS: Final = 40
+"""Largest number of Gauss-Newton steps of the static path; chosen."""
 _LEAST_GAIN: Final = 1e-9
 """Least gain in energy of a step after which the fit continues."""
 _STEADY: Final = 1e-9
@@ -157,7 +160,7 @@ def place_skeletons(observations: Observations, start: Array) -> Motion:
             break
     motion = _motion(body, camera, places)
     pelvis = interpolated(motion.pelvis, known)
-    depth = np.maximum(pelvis[:, 1], 0.1)
+    depth = np.maximum(pelvis[:, 1], NEAREST)
     place = np.stack([pelvis[:, 0] / depth, pelvis[:, 2] / depth, np.log(depth)], -1)
     return Motion(place, interpolated(motion.bones, known))
 
@@ -166,7 +169,7 @@ def _motion(body: LiftedBody, camera: Camera, places: Array) -> Motion:
     """Skeletons rotated by theta about the vertical, with the pelvis at (x, y, z) in camera
     axes."""
     x, y, z = places[:, :3].T
-    y = np.maximum(y, 0.1)
+    y = np.maximum(y, NEAREST)
     place = np.stack([x / y, z / y, np.log(y)], -1)
     return Motion(place, _turned(body, camera, places[:, 3]))
 
@@ -194,7 +197,7 @@ def _normal_equations(told: Observations, places: Array) -> tuple[Array, Array]:
     branches = ANCESTORS[list(DETECTED)]
     offsets = branches @ motion.bones
     joints = motion.pelvis[:, None] + offsets
-    depth = np.maximum(joints[..., 1], 0.1)
+    depth = np.maximum(joints[..., 1], NEAREST)
     jacobian = np.zeros((*joints.shape[:2], 2, 3))
     jacobian[..., 0, 0] = 1 / depth
     jacobian[..., 0, 1] = -joints[..., 0] / depth**2
@@ -222,12 +225,11 @@ def _normal_equations(told: Observations, places: Array) -> tuple[Array, Array]:
 # All combinations of one of the three at every window, at most 3^5, are optimised under the whole
 # energy and sorted by it. Priors are not used, and all scenelets have the size of the body.
 
-Progress = Callable[[str, float], None]
 _UNITS: Final = np.array([0.02, 0.05, 0.15])
 """Initial steps of a search in bearing, log depth and yaw (rad)."""
 _STEP: Final = 0.01
 """Step of finite differences, in these units."""
-_NEARBY: Final = 1.6
+NEARBY: Final = 1.6
 """Seconds between starts within which scenelets are nearby, about the length of a scenelet."""
 
 
@@ -424,7 +426,7 @@ def combine_published(
             progress("combining", (n + 1) / len(chosen))
     tried.sort(key=lambda c: (-c.gain, c.members))
     ranked = [states[c.members] for c in tried]
-    best = _diverse(ranked, _NEARBY * fps, settings.scenes)
+    best = _diverse(ranked, NEARBY * fps, settings.scenes)
     return Combinations(pool, tuple(tried), -np.inf, (), tuple(best))
 
 

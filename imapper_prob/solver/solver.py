@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from html import escape
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import Settings
 from imapper_prob.models.text import Listed, brief
+from imapper_prob.progress import Progress
 from imapper_prob.scenelets.charness import charness, motion_distances
 from imapper_prob.solver.camera_prior import estimate_camera, find_stays
 from imapper_prob.solver.candidates import (
@@ -39,16 +40,18 @@ from imapper_prob.solver.candidates import (
 )
 from imapper_prob.solver.combinations import Combinations, combine, groups_of, search, state_of
 from imapper_prob.solver.detections import own_detections
-from imapper_prob.solver.fits import Fits, FitSettings, best_fits, fit_windows, free_pose_cost
+from imapper_prob.solver.fits import Fits, best_fits, fit_windows, free_pose_cost
 from imapper_prob.solver.poses import FrameTable
-from imapper_prob.solver.published import combine_published, filter_published
+from imapper_prob.solver.published import NEARBY, combine_published, filter_published
 from imapper_prob.solver.selection import published_objects, selected_objects
 from imapper_prob.solver.static_path import examine_frames, examine_published
 
 __all__ = [
     "METHODS",
+    "Chosen",
     "Fitted",
     "Solution",
+    "diverse_scenes",
     "fit_clip",
     "method_of",
     "solve",
@@ -56,10 +59,8 @@ __all__ = [
     "solve_published",
 ]
 
-_NEARBY = 1.6
-"""Seconds between starts within which scenelets are nearby, about the length of a scenelet."""
-_KEPT, _TRIED = 3, 64
-"""Candidates per maximum, and combinations evaluated; fewer than for the best scene."""
+_TRIED: Final = 64
+"""Combinations evaluated for each further scene, fewer than for the best one; chosen."""
 
 
 def diverse_scenes(
@@ -89,22 +90,15 @@ def diverse_scenes(
     scenes, problem = [first], solution.problem
     while len(scenes) < count:
         used = np.concatenate([scene.items for scene in scenes])
-        near = _NEARBY * solution.clip.fps
+        near = NEARBY * solution.clip.fps
         left = [c for c in solution.candidates if not _nearby(c, used, near)]
-        groups = groups_of(left, solution.curve, kept=_KEPT)
+        groups = groups_of(left, solution.curve)
         tried, _ = search(problem, groups, tried=_TRIED)
         if not tried[0].members:
             break
         pool = [c for group in groups for c in group]
         scenes.append(finish(problem, state_of(problem, [pool[k] for k in tried[0].members])))
     return tuple(scenes)
-
-
-def _listed_scenes(
-    solution: Solution, first: State, *, finish: Callable[[Problem, State], State], count: int
-) -> tuple[State, ...]:
-    """The scenes that the published method lists, in order of its energy."""
-    return solution.states[:count]
 
 
 def _nearby(candidate: Candidate, used: np.ndarray, frames: float) -> bool:
@@ -116,12 +110,27 @@ def _nearby(candidate: Candidate, used: np.ndarray, frames: float) -> bool:
 # ------------------------------------------------------------------------------------------------
 # The stages.
 
-Progress = Callable[[str, float], None]
 _PUBLISHED = MaximaSettings(most=5)
 """The paper uses at most five maxima of charness per clip."""
-Chosen = tuple[CharnessCurve, tuple[MaximumTable, ...], Combinations]
 _LEAST_CHARNESS = 0.01
 """Added to charness where it weights scenelets, so that none is impossible a priori."""
+
+
+class Chosen(NamedTuple):
+    """The results of the stages after the fits, see :class:`Solution`.
+
+    Parameters
+    ----------
+    candidates : tuple of Candidate
+    curve : CharnessCurve
+    shortlists : tuple of MaximumTable
+    combinations : Combinations
+    """
+
+    candidates: tuple[Candidate, ...]
+    curve: CharnessCurve
+    shortlists: tuple[MaximumTable, ...]
+    combinations: Combinations
 
 
 @dataclass(frozen=True)
@@ -143,7 +152,8 @@ class Solution:
     curve : CharnessCurve
         Charness over time with its maxima.
     candidates : tuple of Candidate
-        Fits evaluated by the full posterior, in order of time.
+        Fits that were judged, in order of time: by the log-posterior, or at the maxima of charness
+        by the published energy.
     shortlists : tuple of MaximumTable
         For each maximum, in order of time, which candidates were kept and why others were not.
     combinations : Combinations
@@ -151,7 +161,7 @@ class Solution:
     distances : (L, L) float
         Distances between the motions of scenelets, metres.
     fits : Fits
-        Fits of every scenelet in every window, which the sampler uses as candidates.
+        Fits of every scenelet in every window.
 
     Examples
     --------
@@ -326,7 +336,7 @@ def fit_clip(
         problem,
         path,
         fps=clip.fps,
-        settings=FitSettings(device=settings.device),
+        device=settings.device,
         progress=progress,
     )
     problem = problem._replace(free_cost=free_pose_cost(problem, fits))
@@ -352,64 +362,46 @@ def solve_fitted(
     -------
     Solution
     """
-    problem, fits = fitted.problem, fitted.fits
-    candidates = screen(problem, fits, progress=progress)
-    choose = method_of(problem).choose
-    curve, tables, combinations = choose(clip, fitted, candidates, progress=progress)
+    chosen = method_of(fitted.problem).choose(clip, fitted, progress=progress)
     return Solution(
         clip,
         library,
         fitted.path,
         fitted.frames,
         fitted.camera,
-        problem,
-        curve,
-        candidates,
-        tables,
-        combinations,
+        fitted.problem,
+        chosen.curve,
+        chosen.candidates,
+        chosen.shortlists,
+        chosen.combinations,
         fitted.distances,
-        fits,
+        fitted.fits,
     )
 
 
-def _choose(
-    clip: Clip,
-    fitted: Fitted,
-    candidates: tuple[Candidate, ...],
-    *,
-    progress: Progress | None = None,
-) -> Chosen:
+def _choose(clip: Clip, fitted: Fitted, *, progress: Progress | None = None) -> Chosen:
     """Select candidates at maxima of charness, and combine them, under the log-posterior."""
     problem = fitted.problem
+    candidates = screen(problem, fitted.fits, progress=progress)
     curve = charness_curve(fitted.fits, fitted.charness, fps=clip.fps)
     combinations = combine(problem, candidates, curve, progress=progress)
     tables = shortlist(problem, fitted.fits, candidates, curve, combinations.pool)
-    return curve, tables, combinations
+    return Chosen(candidates, curve, tables, combinations)
 
 
-def solve_published(
-    clip: Clip,
-    fitted: Fitted,
-    candidates: tuple[Candidate, ...] = (),
-    *,
-    progress: Progress | None = None,
-) -> Chosen:
+def solve_published(clip: Clip, fitted: Fitted, *, progress: Progress | None = None) -> Chosen:
     """Run the stages after the fits as in the paper: T', the filter, all combinations.
 
     Parameters
     ----------
     clip : Clip
     fitted : Fitted
-    candidates : tuple of Candidate
-        Not used: the paper filters fits by its own energy.
     progress : callable, optional
         See :func:`solve`.
 
     Returns
     -------
-    curve : CharnessCurve
-    tables : tuple of MaximumTable
-    combinations : Combinations
+    Chosen
     """
     problem = fitted.problem
     bare = ~fitted.path.posed
@@ -417,7 +409,12 @@ def solve_published(
         fitted.fits, fitted.charness, fps=clip.fps, settings=_PUBLISHED, bare=bare
     )
     tables = filter_published(problem, fitted.fits, curve, progress=progress)
-    return curve, tables, combine_published(problem, tables, fps=clip.fps, progress=progress)
+    return Chosen(
+        tuple(row.candidate for table in tables for row in table.rows),
+        curve,
+        tables,
+        combine_published(problem, tables, fps=clip.fps, progress=progress),
+    )
 
 
 # ------------------------------------------------------------------------------------------------
@@ -438,10 +435,9 @@ class Method:
         Excess cost of the best scenelets, as `imapper_prob.solver.fits.best_fits`.
     choose : callable
         Runs the stages after the fits, such as `solve_published`.
-    scenes : callable
-        Makes the best scene and diverse alternatives, such as `diverse_scenes`.
-    by_log_posterior : bool
-        Whether scenes are sorted by log-posterior; otherwise in the order of the method.
+    diverse : bool
+        Whether scenes are diverse and sorted by log-posterior; otherwise they are those that
+        ``choose`` lists, in its order.
     objects : callable
         Selects the furniture of a state to report, such as `selected_objects`.
     """
@@ -450,8 +446,7 @@ class Method:
     fit_windows: Callable[..., Fits]
     best_fits: Callable[[Problem, Fits], NDArray[np.float64]]
     choose: Callable[..., Chosen]
-    scenes: Callable[..., tuple[State, ...]]
-    by_log_posterior: bool
+    diverse: bool
     objects: Callable[[Problem, Library, State], tuple[SceneObject, ...]]
 
 
@@ -467,7 +462,6 @@ METHODS: Final[Mapping[str, Method]] = MappingProxyType(
             fit_windows,
             best_fits,
             _choose,
-            diverse_scenes,
             True,
             selected_objects,
         ),
@@ -476,7 +470,6 @@ METHODS: Final[Mapping[str, Method]] = MappingProxyType(
             partial(fit_windows, squared=True),
             _unknown_fits,
             solve_published,
-            _listed_scenes,
             False,  # sorted by the published energy, without priors
             published_objects,
         ),

@@ -160,7 +160,6 @@ is at most .02, on simulated clips .14."""
 def estimate_static_path(
     clip: Clip,
     *,
-    track: int = 0,
     settings: StaticPathSettings | None = None,
 ) -> StaticPath:
     """Maximum a posteriori path and poses of one person, with their errors.
@@ -174,8 +173,7 @@ def estimate_static_path(
     Parameters
     ----------
     clip : Clip
-    track : int
-        Index of the person's track.
+        Its first track is that of the person.
     settings : StaticPathSettings, optional
 
     Returns
@@ -188,13 +186,12 @@ def estimate_static_path(
     InputError
         No frame has enough detected joints, or the detections do not fit any body.
     """
-    return examine_frames(clip, track=track, settings=settings)[0]
+    return examine_frames(clip, settings=settings)[0]
 
 
 def examine_frames(
     clip: Clip,
     *,
-    track: int = 0,
     settings: StaticPathSettings | None = None,
     detector: DetectorSettings | None = None,
 ) -> tuple[StaticPath, FrameTable]:
@@ -202,7 +199,7 @@ def examine_frames(
 
     Parameters
     ----------
-    clip, track, settings
+    clip, settings
         See :func:`estimate_static_path`.
     detector : DetectorSettings, optional
         Tells which detections are of the person.
@@ -217,13 +214,12 @@ def examine_frames(
     InputError
         As :func:`estimate_static_path`.
     """
-    return _examined(clip, track, settings or StaticPathSettings(), detector, _bent_bodies)
+    return _examined(clip, settings or StaticPathSettings(), detector, _bent_bodies)
 
 
 def examine_published(
     clip: Clip,
     *,
-    track: int = 0,
     settings: StaticPathSettings | None = None,
     detector: DetectorSettings | None = None,
 ) -> tuple[StaticPath, FrameTable]:
@@ -231,7 +227,7 @@ def examine_published(
 
     Parameters
     ----------
-    clip, track, settings
+    clip, settings
         See :func:`estimate_static_path`.
     detector : DetectorSettings, optional
         Tells which detections are of the person.
@@ -246,7 +242,7 @@ def examine_published(
     InputError
         As :func:`estimate_static_path`.
     """
-    return _examined(clip, track, settings or StaticPathSettings(), detector, _rigid_skeletons)
+    return _examined(clip, settings or StaticPathSettings(), detector, _rigid_skeletons)
 
 
 @dataclass(frozen=True)
@@ -301,13 +297,12 @@ def _rigid_skeletons(sight: _Sight, trusted: Flags, settings: StaticPathSettings
 
 def _examined(
     clip: Clip,
-    track: int,
     settings: StaticPathSettings,
     detector: DetectorSettings | None,
     place: Callable[[_Sight, Flags, StaticPathSettings], _Placed],
 ) -> tuple[StaticPath, FrameTable]:
-    away = elsewhere_frames(clip, detector)[track]
-    person = own_detections(clip, detector).tracks[track]
+    away = elsewhere_frames(clip, detector)[0]
+    person = own_detections(clip, detector).tracks[0]
     confidences = person.confidences[:, list(DETECTED)]
     confidences = np.where(confidences < ERROR_EDGES[0], 0.0, confidences)
     if np.max((confidences > 0).sum(1), initial=0) < 3:

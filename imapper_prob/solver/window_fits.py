@@ -18,6 +18,7 @@ from torch import Tensor
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.settings import NEAREST
 
 __all__ = ["SquaredWindowFitter", "WindowFitter", "device_named", "one_thread"]
 
@@ -31,6 +32,11 @@ process all at once."""
 _SYMMETRIC: Final = [[0, 1, 2], [1, 3, 4], [2, 4, 5]]
 """Indices of the upper triangle's entries in a symmetric matrix."""
 
+_DAMPING: Final = [100.0, 25.0, 1.0]
+"""Precisions that keep steps of windows with few joints small: .1 of bearing (tangent), .2 log m,
+1 rad; chosen."""
+_LONGEST_STEP: Final = [0.1, 0.3, 0.6]
+"""Longest step in bearing (tangent), log depth and yaw (rad); chosen."""
 _USUAL_ERROR: Final = 15 / 1955
 """Usual error of a detection in normalised image coordinates: 15 px at i3DB's focal length."""
 
@@ -172,7 +178,7 @@ class WindowFitter:
         lx, ly, lz = joints[..., 0], joints[..., 1], joints[..., 2] - float(elevation)
         turned_x, turned_y = c * lx - s * ly, s * lx + c * ly
         x, y = turned_x + bearing * distance, turned_y + distance
-        depth = (cp * y + sp * lz).clamp(min=0.1)
+        depth = (cp * y + sp * lz).clamp(min=NEAREST)
         up = -sp * y + cp * lz
         du = problem.cx + fx * x / depth - target[..., 0]
         dv = problem.cy - fy * up / depth - target[..., 1]
@@ -190,10 +196,9 @@ class WindowFitter:
         for (au, av), (bu, bv) in combinations_with_replacement(jacobians, 2):
             normal.append((irls * (au * bu + av * bv)).sum((-1, -2)))
         matrix = torch.stack(normal, -1)[..., _SYMMETRIC]
-        # Damping keeps steps of windows with few joints small: .1 rad, .2 log m, 1 rad.
-        matrix = matrix + torch.diag(torch.tensor([100.0, 25.0, 1.0], device=self.device))
+        matrix = matrix + torch.diag(torch.tensor(_DAMPING, device=self.device))
         step = torch.linalg.solve(matrix, torch.stack(gradient, -1))
-        limit = torch.tensor([0.1, 0.3, 0.6], device=self.device)
+        limit = torch.tensor(_LONGEST_STEP, device=self.device)
         return theta - step.clamp(-limit, limit), cost.sum((-1, -2))
 
     def _confidence(self, frames: Ints) -> Array:

@@ -585,6 +585,7 @@ _UNLIKE: Final = 0.64
 """Nats per confident joint: 95 % of the frames of simulated clips have a right scenelet that fits
 better (``python -m lab.alarms --threshold``)."""
 _UNLIKE_PART: Final = 0.05
+"""Part of the frames of simulated clips whose right scenelet fits worse than `_UNLIKE`."""
 
 
 def resemblance(best: Array, *, frame_weight: float) -> Check:

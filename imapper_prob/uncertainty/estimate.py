@@ -64,6 +64,7 @@ def _moved(o: SceneObject, errors: Array, settings: ModelSettings) -> SceneObjec
 
 
 _EVEN: Final = 0.5
+"""Presence above which a cluster is part of the expected scene: it is more probable than not."""
 _COMPARED: Final = 100
 """Largest number of drawn objects, evenly spaced, that are compared with each other."""
 

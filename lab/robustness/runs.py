@@ -26,7 +26,6 @@ from imapper_prob.clips.load import read_marks
 from imapper_prob.config import Config, SampleSettings, read_config, to_toml
 from imapper_prob.evaluate.prediction import (
     SOLVER,
-    prediction_of_state,
     read_prediction,
     read_solution_folder,
     write_prediction,
@@ -55,6 +54,7 @@ from imapper_prob.scenelets.library import load_library, read_library, save_libr
 from imapper_prob.solver.actors import solve_actors, solved
 from imapper_prob.solver.solver import Solution, solve
 from imapper_prob.uncertainty.tree import write_tree
+from lab.ablation import prediction_of_state
 from lab.robustness.inputs import Reader
 from tests.clips import bodies
 

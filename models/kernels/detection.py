@@ -287,7 +287,7 @@ def _reuse_emissions(cache: Cache, n: int) -> int:
             if near[slot, row]:
                 bounded = True
                 for j in range(gaps.shape[2]):
-                    # The redundant cap makes it three operands, as in `sight`.
+                    # The redundant cap makes it three operands, as in `visibility._pass_by`.
                     scratch32[GAP + j] = min(min(scratch32[GAP + j], gaps[slot, row, j]), _CAP)
         for j in range(clearance.shape[1]):
             clearance[to, j] = scratch32[GAP + j]

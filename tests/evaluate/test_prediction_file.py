@@ -94,6 +94,25 @@ def test_faults_are_named(tmp_path: Path, change: dict[str, Any], message: str) 
         read_prediction(written(tmp_path, document() | change), clip())
 
 
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"scales": [[2.0], [0.0], [0.4]]}, "scales must be positive"),
+     ({"axes": [[0.0] * 3] * 3}, "axes must be unit vectors")],
+)  # fmt: skip
+def test_faults_of_a_published_result_are_named(
+    tmp_path: Path, change: dict[str, Any], message: str
+) -> None:
+    files = I3dbFolder()
+    folder = files.write(tmp_path / "Hall")
+    (folder / "iMapper").mkdir()
+    document = {"3d": files.lifted["3d"], "scenelets": {"obbs": ["00_couch_seat.obj"]}}
+    (folder / "iMapper" / "skel_output.json").write_text(json.dumps(document))
+    box = files.objects["00_couch_seat"] | change
+    (folder / "iMapper" / "00_couch_seat.json").write_text(json.dumps(box))
+    with pytest.raises(InputError, match=rf"00_couch_seat\.json: {message}"):
+        read_authors(folder)
+
+
 @pytest.mark.parametrize("name", ["../../00_couch_seat.obj", "/etc/00_couch_seat.obj"])
 def test_a_published_result_names_files_of_its_own_folder_only(tmp_path: Path, name: str) -> None:
     files = I3dbFolder()

@@ -14,7 +14,6 @@ from imapper_prob.cli import main
 from imapper_prob.evaluate.claims import claims_of, draws_of
 from imapper_prob.evaluate.prediction import (
     SOLVER,
-    prediction_of_state,
     read_solution_folder,
     write_prediction,
 )
@@ -34,6 +33,7 @@ from imapper_prob.models.log_posterior import state_camera
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.results.solution import write_solution
 from imapper_prob.solver.actors import solved
+from lab.ablation import prediction_of_state
 from tests.runs import posterior
 from tests.runs import solution as solve_one
 

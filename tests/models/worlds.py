@@ -115,6 +115,11 @@ def camera_prior() -> CameraPrior:
     return CameraPrior(mean, np.diag([0.05, 0.1, 0.05, 0.05, 0.02]) ** 2)
 
 
+def deviations(prior: CameraPrior) -> np.ndarray:
+    """(5,) standard deviations of a camera prior, in the units of its mean."""
+    return np.sqrt(np.diag(prior.covariance))
+
+
 def facing_about(problem: Problem, *, seed: int = 0) -> Problem:
     """The same, but persons turn, on the path and in the scenelets, as they please."""
     rng = np.random.default_rng(seed)

@@ -296,7 +296,7 @@ def test_all_that_is_public_is_short() -> None:
 def test_texts_say_what_there_is_and_where() -> None:
     run = posterior()
     best, cluster, o = run[0], run.clusters()[0], run[0].objects[0]
-    assert f"p = {best.probability:.2f} ± {best.error:.2f}: {o.label}" in repr(best)
+    assert f"p = {best.probability:.2f} ± {best.error:.2f}: {best.names[0]}" in repr(best)
     assert f"{cluster.label!r}, p = {cluster.presence:.2f}" in repr(cluster)
     assert f"{o.label!r} at ({o.placement.x:.2f}, {o.placement.y:.2f}) m" in repr(o)
     assert repr(run.furniture).startswith("80 draws of ")

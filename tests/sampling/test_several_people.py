@@ -111,6 +111,14 @@ def test_frames_follow_each_other_and_the_camera_counts_once() -> None:
         assert nats["camera"] == pytest.approx(alone[0]["camera"], abs=0.2)
 
 
+def test_every_frame_knows_its_own_stay() -> None:
+    problem = source().problem
+    inside = np.flatnonzero(problem.path_stay >= 0)
+    first, end = problem.stays[problem.path_stay[inside], :2].T
+    assert ((first <= inside) & (inside < end)).all()
+    assert set(inside >= N_FRAMES) == {False, True}
+
+
 def test_everybody_keeps_their_stature_and_place() -> None:
     large, small = taller(solutions()[0], 0.06), taller(solutions()[1], -0.04)
     together = join_actors([large, small])

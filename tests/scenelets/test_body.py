@@ -9,13 +9,12 @@ from hypothesis import given
 from hypothesis.extra.numpy import arrays
 
 from imapper_prob.models.scene import Placement
-from imapper_prob.models.skeleton import LANK, PELV, RANK, facing
+from imapper_prob.models.skeleton import LANK, PELV, RANK, facing, minimum_jerk
 from imapper_prob.scenelets.procedural.body import ANKLE_HEIGHT, Trunk, pose_body, two_bones
 from imapper_prob.scenelets.procedural.gait import (
     GATHER,
     Gait,
     arc,
-    minimum_jerk,
     settle,
     starting,
     steady,

@@ -19,7 +19,6 @@ from imapper_prob.models.scene import Placement
 from imapper_prob.models.skeleton import BONE_LENGTHS, PELV, facing, turned
 from imapper_prob.scenelets.build import (
     UNKNOWN_ACTION,
-    BuildSettings,
     body_scale,
     build_library_from,
     captures_from,
@@ -257,7 +256,7 @@ def test_the_benchmark_gives_seated_scenelets_with_seats() -> None:
     if not CORPUS.is_dir():
         pytest.skip(f"the i3DB scenes are not at {CORPUS}")
     captures = captures_from("i3db", CORPUS)
-    library, report = build_library_from(captures, name="i3db", settings=BuildSettings())
+    library, report = build_library_from(captures, name="i3db")
     assert report.skipped == {}
     # The actors are adults, and skeletons differ in where hips and shoulders are.
     assert all(0.9 < scale < 1.1 for scale in report.scales.values())

@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given
 from numpy.typing import NDArray
 
-from imapper_prob.scenelets.build import CutSettings, cut, smooth_path, stretches
+from imapper_prob.scenelets.build import cut, smooth_path, stretches
 
 FPS = 10.0
-SETTINGS = CutSettings()
 
 
 def straight(speeds: list[float] | NDArray[np.float64]) -> NDArray[np.float64]:
@@ -27,28 +26,28 @@ def way(path: NDArray[np.float64]) -> float:
 
 def test_a_walk_is_cut_into_metres() -> None:
     path = straight([0.8] * 100)  # 8 m
-    clips = cut(path, fps=FPS, settings=SETTINGS)
+    clips = cut(path, fps=FPS)
     # A centre every 0.25 m; frames are 8 cm apart.
     assert len(clips) == 32
     inner = clips[(clips[:, 0] > 0) & (clips[:, 1] < len(path))]
     assert len(inner) > 20
     for first, end in inner:
-        assert way(path[first:end]) == pytest.approx(SETTINGS.way, abs=0.17)
+        assert way(path[first:end]) == pytest.approx(1.0, abs=0.17)
     middles = path[(inner[:, 0] + inner[:, 1]) // 2, 0]
-    np.testing.assert_allclose(np.diff(middles), SETTINGS.way_between, atol=0.09)
+    np.testing.assert_allclose(np.diff(middles), 0.25, atol=0.09)
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 1.5])
 def test_the_metre_does_not_depend_on_speed(speed: float) -> None:
     path = straight([speed] * 200)
-    clips = cut(path, fps=FPS, settings=SETTINGS)
+    clips = cut(path, fps=FPS)
     first, end = clips[len(clips) // 2]
     assert way(path[first:end]) == pytest.approx(1.0, abs=2 * speed / FPS)
 
 
 def test_a_stay_gets_clips_at_regular_times_of_limited_length() -> None:
     path = straight([1.0] * 30 + [0.0] * 80 + [1.0] * 30)
-    clips = cut(path, fps=FPS, settings=SETTINGS)
+    clips = cut(path, fps=FPS)
     inside = clips[(clips[:, 0] >= 30) & (clips[:, 1] <= 111)]
     # Eight seconds of stay, a clip a second, those near its ends reach out of it.
     assert len(inside) in (6, 7)
@@ -60,9 +59,7 @@ def test_the_trembling_of_a_stay_is_no_way(rng: np.random.Generator) -> None:
     still = np.zeros((200, 2))
     trembling = rng.normal(0.0, 0.002, size=still.shape)
     assert way(trembling) > 0.6
-    np.testing.assert_array_equal(
-        cut(trembling, fps=FPS, settings=SETTINGS), cut(still, fps=FPS, settings=SETTINGS)
-    )
+    np.testing.assert_array_equal(cut(trembling, fps=FPS), cut(still, fps=FPS))
 
 
 def test_smoothing_averages_over_way_and_leaves_large_steps() -> None:
@@ -83,15 +80,15 @@ def test_clips_are_in_order_within_the_motion_and_of_limited_length(
     steps: NDArray[np.float64],
 ) -> None:
     path = np.cumsum(steps, axis=0)
-    clips = cut(path, fps=FPS, settings=SETTINGS)
+    clips = cut(path, fps=FPS)
     assert clips.shape == (len(clips), 2)
     assert len(np.unique(clips, axis=0)) == len(clips)
     if len(clips):
         lengths = clips[:, 1] - clips[:, 0]
         assert clips.min() >= 0
         assert clips.max() <= len(path)
-        assert lengths.min() >= SETTINGS.shortest * FPS
-        assert lengths.max() <= SETTINGS.longest * FPS + 1
+        assert lengths.min() >= 0.6 * FPS
+        assert lengths.max() <= 2.0 * FPS + 1
 
 
 @given(
@@ -104,7 +101,7 @@ def test_a_turned_path_is_cut_alike(steps: NDArray[np.float64], yaw: float) -> N
     path = np.cumsum(np.round(steps, 2), axis=0)
     c, s = np.cos(yaw), np.sin(yaw)
     turned = path @ np.array([[c, s], [-s, c]]) + (3.0, -7.0)
-    one, other = (cut(p, fps=FPS, settings=SETTINGS) for p in (path, turned))
+    one, other = (cut(p, fps=FPS) for p in (path, turned))
     # Rounding may move a border by a frame, and two clips may then be one.
     assert abs(len(one) - len(other)) <= 1
     if one.shape == other.shape:
@@ -112,7 +109,7 @@ def test_a_turned_path_is_cut_alike(steps: NDArray[np.float64], yaw: float) -> N
 
 
 def test_long_stays_are_covered_from_end_to_end() -> None:
-    clips = cut(np.zeros((301, 2)), fps=FPS, settings=SETTINGS)
+    clips = cut(np.zeros((301, 2)), fps=FPS)
     assert len(clips) == 30
     covered = np.zeros(301, bool)
     for first, end in clips:

@@ -22,7 +22,7 @@ from imapper_prob.solver.actors import (
 )
 from imapper_prob.uncertainty.summary import distances_to_truth
 from lab.couple import CAMERA, N_FRAMES, at_one_table, chairs_and_tables
-from tests.models.worlds import couch
+from tests.models.worlds import couch, deviations
 
 FOCAL_SPREAD = 0.05
 
@@ -98,11 +98,11 @@ def test_precisions_add_up_and_the_prior_counts_once() -> None:
         np.testing.assert_allclose(actor.mean[shared][[0, 2, 3]], mean[[0, 2, 3]], atol=1e-9)
         assert np.log(actor.mean[1]) == pytest.approx(mean[1])
         np.testing.assert_array_equal(actor.mean[shared], found[0].mean[shared])
-        assert actor.standard_deviations[0] == pytest.approx(np.sqrt(covariance[0, 0]))
+        assert deviations(actor)[0] == pytest.approx(np.sqrt(covariance[0, 0]))
         # The body is known from one's own feet and from what others say of the camera; what
         # they say is passed on through the camera's four numbers.
         assert actor.mean[3] == pytest.approx(mean[4 + k])
-        assert actor.standard_deviations[3] == pytest.approx(np.sqrt(covariance[4 + k, 4 + k]))
+        assert deviations(actor)[3] == pytest.approx(np.sqrt(covariance[4 + k, 4 + k]))
 
 
 def test_windows_belong_to_one_actor() -> None:

@@ -13,9 +13,12 @@ from imapper_prob.models.published_terms import paper_energy
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.settings import ModelSettings, PaperWeights
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.recording.stages import stage_views
+from imapper_prob.results.solution import stage_table
+from imapper_prob.solver.actors import solved
 from imapper_prob.solver.candidates import Fate, MaximaSettings, MaximumTable, charness_curve
 from imapper_prob.solver.fits import Fits, fit_windows
-from imapper_prob.solver.poses import PoseSource
+from imapper_prob.solver.poses import FrameTable, PoseSource
 from imapper_prob.solver.published import (
     PublishedSettings,
     combine_published,
@@ -24,7 +27,7 @@ from imapper_prob.solver.published import (
     interpolated,
 )
 from imapper_prob.solver.selection import published_objects
-from imapper_prob.solver.solver import METHODS, method_of
+from imapper_prob.solver.solver import METHODS, Fitted, method_of, solve_fitted
 from imapper_prob.solver.static_path import examine_published
 from tests.models import worlds
 from tests.solver.walkers import walk, with_track
@@ -290,3 +293,25 @@ def test_fits_say_nothing_of_the_right_motion_under_the_published_energy() -> No
     fits = fit_windows(problem, worlds.path_of(worlds.walk(30)), fps=10.0, squared=True)
     assert np.isnan(method_of(problem).best_fits(problem, fits)).all()
     assert np.isfinite(METHODS["default"].best_fits(problem, fits)).any()
+
+
+def test_only_its_own_stages_run_and_are_shown() -> None:
+    problem, path = worlds.problem(30, settings=PAPER), worlds.path_of(worlds.walk(30))
+    clip, library = worlds.clip_of(worlds.walk(30), np.random.default_rng(0)), worlds.library()
+    fits = fit_windows(problem, path, fps=10.0, squared=True)
+    frames = FrameTable(
+        (PoseSource.OWN,) * 30, problem.used.sum(1), np.full(30, np.nan), np.zeros(30, bool)
+    )
+    fitted = Fitted(
+        path, frames, worlds.camera_prior(), problem, fits, np.ones(3), np.zeros((3, 3))
+    )
+    stages: list[str] = []
+    found = solve_fitted(clip, library, fitted, progress=lambda stage, _: stages.append(stage))
+    assert set(stages) == {"filtering candidates", "combining"}
+    assert found.candidates == tuple(r.candidate for t in found.shortlists for r in t.rows)
+    answer = solved(clip, [found], count=2)
+    assert [scene.states for scene in answer.scenes] == [(state,) for state in found.states[:2]]
+    _, _, outcome = stage_table(answer, [("filtering candidates", 1.0)]).columns
+    assert "maxima of charness" in next(iter(outcome.cells))
+    judged = next(v for v in stage_views(answer) if v.name == "Candidates judged")
+    assert "judged by the published energy" in judged.text

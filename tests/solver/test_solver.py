@@ -17,7 +17,7 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.solver.candidates import charness_curve, refine, screen
 from imapper_prob.solver.combinations import combine
-from imapper_prob.solver.fits import Fits, FitSettings, fit_windows, free_pose_cost
+from imapper_prob.solver.fits import Fits, fit_windows, free_pose_cost
 from tests.models import worlds
 from tests.runs import solution
 
@@ -53,8 +53,8 @@ def test_a_fit_finds_where_the_scenelet_was_performed() -> None:
 def test_a_device_that_is_not_there_is_refused_by_name() -> None:
     problem, path, _ = performed()
     with pytest.raises(InputError, match="device 'cuda:99': not here"):
-        fit_windows(problem, path, fps=10.0, settings=FitSettings(device="cuda:99"))
-    here = [fit_windows(problem, path, fps=10.0, settings=FitSettings(device=d)) for d in _HERE]
+        fit_windows(problem, path, fps=10.0, device="cuda:99")
+    here = [fit_windows(problem, path, fps=10.0, device=d) for d in _HERE]
     for other in here[1:]:
         np.testing.assert_allclose(here[0].placements, other.placements, atol=0.02)
 

@@ -125,7 +125,7 @@ def test_a_small_search_is_complete_and_a_short_one_says_what_it_left() -> None:
     solved = solution()
     problem, found = solved.problem, solved.combinations
     assert found.complete
-    groups = groups_of(solved.candidates, solved.curve, kept=3)
+    groups = groups_of(solved.candidates, solved.curve)
     base = log_posterior(problem, empty_state(problem))
     # Brute force: one member or none of every group.
     everything: list[list[int]] = [[]]

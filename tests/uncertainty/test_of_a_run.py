@@ -10,6 +10,7 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.uncertainty.hidden import cut_by
 from imapper_prob.uncertainty.motion import height_deviation
 from imapper_prob.uncertainty.occupancy import occupancy
+from tests.models.worlds import deviations
 from tests.runs import posterior
 
 
@@ -82,7 +83,7 @@ def test_nuisances_have_the_prior_of_the_solution() -> None:
     prior = run.solution.camera
     np.testing.assert_array_equal([n.prior_mean for n in found.values()], prior.mean)
     spreads = [n.prior_standard_deviation for n in found.values()]
-    np.testing.assert_allclose(spreads, prior.standard_deviations)
+    np.testing.assert_allclose(spreads, deviations(prior))
     first = run.samples.states[0]
     assert [n.draws[0, 0] for n in found.values()] == first.camera.tolist()
     assert motion(run.solution.problem, first).shape == run.joints().mean.shape

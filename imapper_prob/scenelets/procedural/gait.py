@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from imapper_prob.models.scene import Placement
+from imapper_prob.models.skeleton import minimum_jerk
 from imapper_prob.scenelets.procedural.body import (
     ANKLE_HEIGHT,
     HIP_HEIGHT,
@@ -31,7 +32,6 @@ __all__ = [
     "Walk",
     "arc",
     "come_nearer",
-    "minimum_jerk",
     "settle",
     "starting",
     "steady",
@@ -62,22 +62,6 @@ ARM_SWING: Final = 0.38
 
 GATHER: Final = 0.8
 """Seconds from standing to full speed, little more than the first step (Breniere and Do 1991)."""
-
-
-def minimum_jerk(progress: ArrayLike) -> Array:
-    """Minimum-jerk position (Flash and Hogan 1985): 0 to 1, constant outside that progress.
-
-    Parameters
-    ----------
-    progress : (n,) float
-
-    Returns
-    -------
-    (n,) float
-    """
-    s = np.clip(np.asarray(progress, float), 0.0, 1.0)
-    position: Array = s**3 * (10 - 15 * s + 6 * s**2)
-    return position
 
 
 def steady(speed: float) -> Pace:

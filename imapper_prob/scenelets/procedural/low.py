@@ -16,6 +16,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.skeleton import minimum_jerk
 from imapper_prob.scenelets.procedural.body import (
     ANKLE_HEIGHT,
     HALF_HIPS,
@@ -37,7 +38,6 @@ from imapper_prob.scenelets.procedural.body import (
     reachable_height,
 )
 from imapper_prob.scenelets.procedural.folded import SHIN_DEPTH, THIGH_DEPTH, tailor_fashion
-from imapper_prob.scenelets.procedural.gait import minimum_jerk
 from imapper_prob.scenelets.procedural.lying import lie_still
 from imapper_prob.scenelets.procedural.reaching import DEEPEST_CROUCH, TRAVEL, extent, reach
 from imapper_prob.scenelets.procedural.resting import prop_up_behind

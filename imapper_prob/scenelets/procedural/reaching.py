@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.models.scene import Placement, SceneObject
+from imapper_prob.models.skeleton import minimum_jerk
 from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.body import (
     FOREARM,
@@ -19,7 +20,7 @@ from imapper_prob.scenelets.procedural.body import (
     moments,
     pose_body,
 )
-from imapper_prob.scenelets.procedural.gait import Walk, come_nearer, minimum_jerk
+from imapper_prob.scenelets.procedural.gait import Walk, come_nearer
 from imapper_prob.scenelets.procedural.standing import Pastime, held, stand, upright
 
 __all__ = [

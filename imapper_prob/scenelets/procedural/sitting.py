@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.scene import Placement, SceneObject
+from imapper_prob.models.skeleton import minimum_jerk
 from imapper_prob.scenelets.procedural import furniture
 from imapper_prob.scenelets.procedural.body import (
     ANKLE_HEIGHT,
@@ -21,7 +22,7 @@ from imapper_prob.scenelets.procedural.body import (
     pose_body,
     reachable_height,
 )
-from imapper_prob.scenelets.procedural.gait import SWING_LIFT, Gait, Route, minimum_jerk, walk_along
+from imapper_prob.scenelets.procedural.gait import SWING_LIFT, Gait, Route, walk_along
 from imapper_prob.scenelets.procedural.seated import (
     Seat,
     SeatedPose,
