@@ -21,6 +21,7 @@ from imapper_prob.models.skeleton import DETECTED, MIRROR, N_JOINTS, facing
 from imapper_prob.models.text import brief
 
 __all__ = [
+    "ASSIGNMENT",
     "CAMERA",
     "COLLISION",
     "DETECTIONS",
@@ -30,7 +31,6 @@ __all__ = [
     "GIVEN_NUMBERS",
     "GIVEN_ROW",
     "GROUND",
-    "LAYOUT",
     "MOTION",
     "PATH",
     "PLACEMENT",
@@ -49,13 +49,13 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TERMS: Final = (
-    "camera", "layout", "placement", "path", "detections", "free_pose", "smoothness", "collision",
-    "motion", "ground", "support", "given",
+    "camera", "assignment", "placement", "path", "detections", "free_pose", "smoothness",
+    "collision", "motion", "ground", "support", "given",
 )  # fmt: skip
 """Names of the terms, in order of evaluation."""
 (
-    CAMERA, LAYOUT, PLACEMENT, PATH, DETECTIONS, FREE_POSE, SMOOTHNESS, COLLISION, MOTION, GROUND,
-    SUPPORT, GIVEN,
+    CAMERA, ASSIGNMENT, PLACEMENT, PATH, DETECTIONS, FREE_POSE, SMOOTHNESS, COLLISION, MOTION,
+    GROUND, SUPPORT, GIVEN,
 ) = range(len(TERMS))  # fmt: skip
 GIVEN_KINDS, GIVEN_NUMBERS, GIVEN_ROW = 7, 16, 4
 """Lengths of a statement's integer row, of its float row, and of a row of its list."""

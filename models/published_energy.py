@@ -40,7 +40,7 @@ from imapper_prob.models.kernels.given import sum_given
 from imapper_prob.models.kernels.incremental import NOWHERE, place_scene
 from imapper_prob.models.kernels.placement import place_boxes
 from imapper_prob.models.kernels.posing import copy_joints, list_moved, pose_joints
-from imapper_prob.models.problem import CAMERA, LAYOUT, PATH, PLACEMENT, TERMS, Problem
+from imapper_prob.models.problem import ASSIGNMENT, CAMERA, PATH, PLACEMENT, TERMS, Problem
 from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import DETECTED, LKNE, PELV, RKNE
 
@@ -423,7 +423,7 @@ def evaluate_paper(
     if prior == -math.inf:
         terms[CAMERA] = prior
         return terms
-    for i in (CAMERA, LAYOUT, PLACEMENT, PATH):
+    for i in (CAMERA, ASSIGNMENT, PLACEMENT, PATH):
         terms[i] = cache.terms[i]
     pose_joints(problem, cache, len(items), list_moved(cache), camera)
     copy_joints(cache, joints)

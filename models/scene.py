@@ -635,7 +635,7 @@ class Scene:
         Furniture in the world frame; objects of several scenelets are merged if they agree.
     joints : (T, 16, 3) float
         Joints in the world frame, metres; NaN in frames without information.
-    layout : tuple of (str, int)
+    assignment : tuple of (str, int)
         Scenelet identifiers and their start frames, in order of time.
     log_posterior : float
         Log-posterior in nats, up to a constant of the clip.
@@ -646,7 +646,7 @@ class Scene:
     camera: Camera
     objects: tuple[SceneObject, ...]
     joints: Array
-    layout: tuple[tuple[str, int], ...]
+    assignment: tuple[tuple[str, int], ...]
     log_posterior: float
     people: int = 1
 
@@ -654,7 +654,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "objects", tuple(self.objects))
-        object.__setattr__(self, "layout", tuple(self.layout))
+        object.__setattr__(self, "assignment", tuple(self.assignment))
         joints = read_only(self.joints, shape=(None, N_JOINTS, 3), name="joints of the scene")
         object.__setattr__(self, "joints", joints)
 

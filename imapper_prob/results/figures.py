@@ -49,7 +49,7 @@ __all__ = [
 Array = NDArray[np.float64]
 _TERM_COLOURS: Final = {
     "camera": "#bab0ac",
-    "layout": "#9c755f",
+    "assignment": "#9c755f",
     "placement": "#edc948",
     "path": "#76b7b2",
     "detections": "#4e79a7",

@@ -36,7 +36,7 @@ __all__ = [
 ]  # fmt: skip
 
 FORMAT: Final = "imapper-prob scenes"
-VERSION: Final = 2
+VERSION: Final = 3
 """Version of the format, raised whenever an older reader would misread the file."""
 
 _UNITS: Final = {"length": "metre", "angle": "radian", "image": "pixel"}
@@ -206,7 +206,7 @@ def _from_scene(weighted: WeightedScene, actors: _Actors) -> dict[str, Any]:
         "explains": None if weighted.explains is None else _from_explains(weighted.explains),
         "draw": weighted.draw,
         "log_posterior": scene.log_posterior,
-        "layout": [actors.told(name, int(start)) for name, start in scene.layout],
+        "assignment": [actors.told(name, int(start)) for name, start in scene.assignment],
         "camera": asdict(scene.camera),
         "objects": [
             object_to_json(item, position_covariance=np.asarray(covariance).tolist())
@@ -268,8 +268,8 @@ def _to_scene(values: Mapping[str, Any], actors: _Actors) -> WeightedScene:
         camera=Camera(**values["camera"]),
         objects=_each(entries, object_from_json, "object"),
         joints=np.empty((0, N_JOINTS, 3)),
-        layout=tuple(
-            (readable(str(part["scenelet"])), actors.row(part)) for part in values["layout"]
+        assignment=tuple(
+            (readable(str(part["scenelet"])), actors.row(part)) for part in values["assignment"]
         ),
         log_posterior=_number(values["log_posterior"]),
     )

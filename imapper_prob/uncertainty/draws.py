@@ -112,7 +112,7 @@ class Draws:
             camera=camera,
             objects=self.samples.objects[number],
             joints=limbs_of(self.solution.problem, state, camera).joints,
-            layout=tuple((self.solution.library[s].name, t) for s, t in state.items.tolist()),
+            assignment=tuple((self.solution.library[s].name, t) for s, t in state.items.tolist()),
             log_posterior=float(self.samples.log_posterior.flat[number]),
             people=len(self.clip.tracks),
         )

@@ -283,7 +283,7 @@ FORMAT: Final = "imapper-prob energy"
 VERSION: Final = 2
 """Format version, raised whenever an older reader would misread the file."""
 _HEADS: Final = {
-    "layout": "lay-\nout",
+    "assignment": "assign-\nment",
     "placement": "pla-\nce-\nment",
     "detections": "de-\ntec-\ntions",
     "free_pose": "free\npose",

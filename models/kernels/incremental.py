@@ -62,10 +62,10 @@ from imapper_prob.models.kernels.posing import (
 )
 from imapper_prob.models.kernels.stays import unsupported
 from imapper_prob.models.problem import (
+    ASSIGNMENT,
     CAMERA,
     COLLISION,
     GIVEN,
-    LAYOUT,
     MOTION,
     PATH,
     PLACEMENT,
@@ -236,7 +236,7 @@ def place_scene(
         if cache.role[slot] == ADDED:
             cache.items[slot, 2] = items[i, 1] + _length(problem, items[i, 0])
             fill_slot(problem, cache, camera, slot)
-        terms[LAYOUT] += problem.log_rate[items[i, 0]]
+        terms[ASSIGNMENT] += problem.log_rate[items[i, 0]]
         terms[PLACEMENT] += cache.placed[slot]
         prior += problem.log_rate[items[i, 0]] + cache.placed[slot]
     terms[PATH] = find_path(problem, cache, n, n_old, camera, latent, latent_before, anew)

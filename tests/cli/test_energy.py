@@ -33,12 +33,12 @@ def test_a_run_of_the_demo_explains_itself(
     assert main(["info", "--energy", str(folder)]) == 0
     text = capsys.readouterr().out
     shown = posterior().scenes(1)[0].scene
-    for name, _ in shown.layout:
+    for name, _ in shown.assignment:
         assert name in text
     for word in ("Scenes", "free_pose", "Lost without an object", f"{shown.log_posterior:.1f}"):
         assert word in text
     document = json.loads((folder / "energy.json").read_text())
-    assert [s["name"] for s in document["scenelets"]] == [name for name, _ in shown.layout]
+    assert [s["name"] for s in document["scenelets"]] == [name for name, _ in shown.assignment]
     assert len(document["objects"]) == len(shown.objects)
     with Image.open(folder / "energy.png") as image:
         assert min(image.size) > 600

@@ -29,7 +29,7 @@ from lab.unseen.clips import (
 from lab.unseen.families import FAMILIES, family_of
 from lab.unseen.scores import Answer, Outcome, Share, score
 
-TERMS = {"detections": -10.0, "layout": -2.0}
+TERMS = {"detections": -10.0, "assignment": -2.0}
 
 
 def piece(label: str, x: float = 0.0, y: float = 4.0) -> SceneObject:
@@ -40,7 +40,7 @@ def piece(label: str, x: float = 0.0, y: float = 4.0) -> SceneObject:
 def outcome(family: str, *, share: float, unseen: bool = True, index: int = 0) -> Outcome:
     answer = Answer((("sit-stool-004", 30),), TERMS)
     found = Share(share, share, share)
-    rival = Answer((), TERMS | {"layout": 1.0})
+    rival = Answer((), TERMS | {"assignment": 1.0})
     return Outcome(
         family, unseen, index, "performed-001", (30, 60), 0.2, ((28, 60, 9.0),), found, found,
         answer, answer, rival,

@@ -42,7 +42,7 @@ def reference(problem: Problem, state: State) -> dict[str, float]:
     scene, values["path"] = scene_of(problem, state, item_of)
     covariance = np.linalg.inv(problem.camera_precision)
     values["camera"] = multivariate_normal.logpdf(state.camera, problem.camera_mean, covariance)
-    values["layout"] = sum(problem.log_rate[scenelet] for scenelet, _ in state.items)  # (5)
+    values["assignment"] = sum(problem.log_rate[scenelet] for scenelet, _ in state.items)  # (5)
     terms = detections, free_pose, smoothness, collision, motion, ground, support
     for term in (placement, *terms) if problem.likelihood else (placement,):
         values[term.__name__] = term(problem, state, scene)

@@ -470,7 +470,7 @@ def test_it_can_be_sampled_from() -> None:
     problem = worlds.problem(settings=ModelSettings(energy="paper", paper_nats=30.0))
     state = empty_state(problem).with_item(0, 2, AHEAD, 0.02).with_item(2, 10, AHEAD + 0.3)
     found, before = terms(problem, state), terms(default, state)
-    for name in ("camera", "layout", "placement", "path"):
+    for name in ("camera", "assignment", "placement", "path"):
         assert found[name] == before[name]
     published = paper_energy(problem, state)
     for name, value in published.terms.items():

@@ -17,7 +17,7 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import NOTHING_IN_SIGHT
 from tests.models import worlds
 
-_LOOK_ALIKE = ("layout", "path", "free_pose", "smoothness", "collision", "motion", "ground")
+_LOOK_ALIKE = ("assignment", "path", "free_pose", "smoothness", "collision", "motion", "ground")
 FACTORS = st.floats(0.7, 1.4)
 
 

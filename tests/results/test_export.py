@@ -62,7 +62,7 @@ def contents(weighted: WeightedScene) -> object:
     ]
     numbers = (weighted.probability, weighted.error, scene.log_posterior)
     words = (weighted.layouts, weighted.explains, weighted.difference, weighted.draw)
-    return scene.camera, scene.layout, objects, numbers, words, weighted.covariances.tolist()
+    return scene.camera, scene.assignment, objects, numbers, words, weighted.covariances.tolist()
 
 
 def chair(covariance: float = 0.01) -> WeightedScene:
@@ -95,7 +95,7 @@ def test_the_file_is_plain_json_with_units_and_frames(tmp_path: Path) -> None:
     assert set(document["frames"]) == {"world", "object"}
     (scene,) = document["scenes"]
     assert scene["probability"] == 0.75
-    assert scene["layout"] == [{"scenelet": "sit", "start": 7}]
+    assert scene["assignment"] == [{"scenelet": "sit", "start": 7}]
     (item,) = scene["objects"]
     assert (item["label"], item["position"], item["yaw"]) == ("chair", [1, 4], 0.5)
     assert item["cuboids"] == [{"part": "seat", "centre": [0, 0, 0.4], "size": [1, 1, 0.1]}]

@@ -49,7 +49,7 @@ def test_scenes_are_the_same(opened: Posterior) -> None:
     assert len(opened.scenes(10)) == len(run.scenes(10)) > 0
     for one, other in zip(opened.scenes(10), run.scenes(10), strict=True):
         assert (one.probability, one.error) == (other.probability, other.error)
-        assert one.scene.layout == other.scene.layout
+        assert one.scene.assignment == other.scene.assignment
         assert one.scene.camera == other.scene.camera
         assert one.scene.log_posterior == other.scene.log_posterior
         assert same_objects(one.scene.objects, other.scene.objects)

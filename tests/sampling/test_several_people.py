@@ -202,10 +202,12 @@ def test_every_file_has_everybody(folder: Path, tmp_path: Path) -> None:
         assert len(body["actors"]["B"]) == N_FRAMES
 
     scene = run.scene(1).scene
-    told = json.loads((folder / "scenes.json").read_text(encoding="utf-8"))["scenes"][0]["layout"]
+    told = json.loads((folder / "scenes.json").read_text(encoding="utf-8"))["scenes"][0][
+        "assignment"
+    ]
     assert {part["actor"] for part in told} == {"A", "B"}
     assert max(part["start"] for part in told) < N_FRAMES
-    assert read_scenes(folder / "scenes.json")[0].scene.layout == scene.layout
+    assert read_scenes(folder / "scenes.json")[0].scene.assignment == scene.assignment
     write_i3db(tmp_path / "i3db", scene, run.clip)
     second = json.loads((tmp_path / "i3db" / "skel_output_2.json").read_text(encoding="utf-8"))
     assert second["frame_ids"] == frames.tolist()

@@ -215,9 +215,9 @@ def test_what_a_scene_explains_is_counted_from_its_draw() -> None:
     told = best.explains
     assert told is not None
     lengths = {s.name: s.n_frames for s in run.solution.library}
-    assert told.covered == sum(lengths[name] for name, _ in best.scene.layout)
+    assert told.covered == sum(lengths[name] for name, _ in best.scene.assignment)
     assert [first for first, _ in told.frames] == [
-        int(run.clip.frame_ids[start]) for _, start in best.scene.layout
+        int(run.clip.frame_ids[start]) for _, start in best.scene.assignment
     ]
     assert told.n_frames == run.clip.n_frames
     # The table of the demo hides the feet of whoever sits there, and the detector loses them.
