@@ -48,13 +48,13 @@ class SampleSettings:
         The default is chosen: the smallest public scene then takes about five minutes on two cores
         (``python -m lab.seeds``).
     temperatures : int
-        Largest number of tempered copies of each chain that exchange their states. They reach from
+        Largest number of tempered copies of each chain that swap their states. They reach from
         a learnt reference distribution of scenes, sampled independently, to the posterior; draws
         are kept from the last copy only. 1 means no tempering. Late in the burn-in, copies in
         excess of twice the communication barrier plus one are dropped (Syed et al. 2022). Barriers
         of public scenes are about 2 to 5.
     swap_every : int
-        Steps between two rounds of exchanges; draws are kept after a round.
+        Steps between two rounds of swaps; draws are kept after a round.
     burn_in : float
         Fraction of the steps that is discarded; the temperatures adapt during it. The default is
         chosen by the effective draws of the demo.
@@ -107,7 +107,7 @@ class SampleSettings:
 
     @property
     def rounds(self) -> int:
-        """Number of rounds of exchanges in ``steps``."""
+        """Number of rounds of swaps in ``steps``."""
         return -(-self.steps // self.swap_every)
 
     @property

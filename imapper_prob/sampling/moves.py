@@ -13,7 +13,7 @@ from imapper_prob.sampling.jit import inner
 from imapper_prob.sampling.reference import Reference, draw_summed
 from imapper_prob.sampling.scene import Scene, flush_run
 
-__all__ = ["exchange_similar", "refresh_path", "shift", "walk_placement"]
+__all__ = ["refresh_path", "replace_similar", "shift", "walk_placement"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -33,7 +33,7 @@ _STRENGTHS: Final = (0.2, 1.0)
 
 
 @inner
-def exchange_similar(
+def replace_similar(
     reference: Reference, rng: np.random.Generator, scene: Scene
 ) -> tuple[Scene, float]:
     """Replace a scenelet by one of similar motion, at the same placement and centre frame.

@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MOVES: Final = {
-    "exchange": 0.4,
+    "replace": 0.4,
     "shift": 0.06,
     "placement": 0.3,
     "camera": 0.015,
@@ -51,12 +51,12 @@ MOVES: Final = {
     "scene-redraw": 0.1,
     "redraw": 0.6,
 }
-"""Moves and their weights. Chosen: exchanges of a scenelet for one of similar motion reach scenes
+"""Moves and their weights. Chosen: replacing a scenelet by one of similar motion reaches scenes
 that were never visited, a few nats at a time; redraws from the reference reach all others. Moves of
 the camera and of whole scenes are seldom tried, because every frame has to be evaluated again; the
 camera converges faster than the layouts."""
 (
-    _EXCHANGE, _SHIFT, _PLACEMENT, _CAMERA, _CAMERA_CARRY, _DEPTH_SCALE, _FOCAL_SCALE, _PATH,
+    _REPLACE, _SHIFT, _PLACEMENT, _CAMERA, _CAMERA_CARRY, _DEPTH_SCALE, _FOCAL_SCALE, _PATH,
     _CAMERA_ADAPTED, _SCENE_REDRAW, _REDRAW,
 ) = range(len(MOVES))  # fmt: skip
 _NAMES: Final = tuple(MOVES)
@@ -140,8 +140,8 @@ def propose(known: Moves, move: int, rng: np.random.Generator, scene: Scene) -> 
     float
         Log of reverse over forward proposal density, nats; -inf if the move is impossible.
     """
-    if move == _EXCHANGE:
-        return moves.exchange_similar(known.reference, rng, scene)
+    if move == _REPLACE:
+        return moves.replace_similar(known.reference, rng, scene)
     if move == _SHIFT:
         return moves.shift(known.lengths, rng, scene)
     if move == _PLACEMENT:

@@ -81,7 +81,7 @@ def test_every_assignment_has_its_exact_probability() -> None:
     problem = tiny()
     assert 0.1 < exact()[0] < 0.9
     moves = scene_moves(problem, learnt(problem), None)
-    still = [name in ("exchange", "shift", "placement", "path", "redraw") for name in MOVES]
+    still = [name in ("replace", "shift", "placement", "path", "redraw") for name in MOVES]
     moves = moves._replace(weights=moves.weights * still)
     walker, rng = Walker(problem, moves, empty_state(problem)), np.random.default_rng(8)
     # Some have a probability of .003: enough visits to each that their spread is known.

@@ -178,7 +178,7 @@ def only(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    ["camera-adapted", "shift", "exchange", "camera-carry"],
+    ["camera-adapted", "shift", "replace", "camera-carry"],
 )
 def test_a_move_by_itself_leaves_scene_and_data(name: str) -> None:
     """With so many scenelets that some have no gap to the next."""

@@ -114,7 +114,7 @@ def test_steps_at_once_or_one_by_one() -> None:
 
 
 def test_no_number_is_refused_by_the_name_of_the_move() -> None:
-    moves, only = moves_of(PROBLEM), np.array([float(name == "exchange") for name in MOVES])
+    moves, only = moves_of(PROBLEM), np.array([float(name == "replace") for name in MOVES])
     back = moves.reference.similar_to.copy()
     back[0, 1:] = np.inf
     moves = moves._replace(reference=moves.reference._replace(similar_to=back), weights=only)
