@@ -15,7 +15,7 @@ from xarray import Dataset
 
 from imapper_prob.layouts import group_of
 from imapper_prob.models.scene import Clip, SceneObject, Truth
-from imapper_prob.models.text import counted, in_markdown, with_error
+from imapper_prob.models.text import as_probability, counted, in_markdown, with_error
 from imapper_prob.sampling.ensembles import describe_walked
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import Check
@@ -109,9 +109,10 @@ def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) 
         errors = _distances([str(row["label"]) for row in rows], places, truth.objects)
     for k, row in enumerate(rows):
         name, sure = str(row["label"]), float(row["label_probability"])
-        turned = f"{np.degrees(row['yaw']) % 360:.0f} ± {np.degrees(row['yaw_sd']):.0f}"
+        yaw = round(np.degrees(row["yaw"])) % 360
+        turned = f"{yaw} ± {np.degrees(row['yaw_sd']):.0f}"
         cells = [
-            name if round(sure, 2) == 1 else f"{name} {sure:.2f}",
+            name if sure == 1 else f"{name} {as_probability(sure)}",
             with_error(row["presence"], row["presence_error"]),
             f"{row['x']:.2f} ± {row['x_sd']:.2f}",
             f"{row['y']:.2f} ± {row['y_sd']:.2f}",
