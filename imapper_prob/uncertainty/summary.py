@@ -100,11 +100,12 @@ def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) 
         "name: the probability that it is right, if the object is there."
     )
     table = Table(title="Objects", title_justify="left", caption=caption, caption_justify="left")
-    for name in ("", "there", "right x\n[m]", "away y\n[m]", "facing\n[°]"):
-        table.add_column(Text(name), justify="left" if not name else "right")
+    table.add_column()
+    for name in ("there", "right x\n[m]", "away y\n[m]", "facing\n[°]"):
+        table.add_column(Text(name), justify="right", no_wrap=True)
     errors = None
     if truth is not None:
-        table.add_column(Text("from\ntruth [m]"), justify="right")
+        table.add_column(Text("to truth\n[m]"), justify="right", no_wrap=True)
         places = np.array([[row["x"], row["y"]] for row in rows]).reshape(-1, 2)
         errors = _distances([str(row["label"]) for row in rows], places, truth.objects)
     for k, row in enumerate(rows):
@@ -119,7 +120,7 @@ def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) 
             turned,
         ]
         if errors is not None:
-            cells.append("not there" if np.isnan(errors[k]) else f"{errors[k]:.2f}")
+            cells.append("absent" if np.isnan(errors[k]) else f"{errors[k]:.2f}")
         table.add_row(*cells)
     return table
 

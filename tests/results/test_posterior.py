@@ -126,7 +126,21 @@ def test_tables_say_what_the_scenes_say() -> None:
     assert "± 0.00 │" not in text
     assert " seat" in text
     assert text.count("[m]") == 3
-    assert "truth [m]" in text
+    assert "to truth" in text
+
+
+def test_the_table_of_objects_is_narrow_with_many_digits() -> None:
+    row = {
+        "label": "armchair", "label_probability": 0.998, "presence": 0.9981,
+        "presence_error": 0.0009, "x": -1.71, "x_sd": 0.23, "y": 5.13, "y_sd": 0.4,
+        "yaw": -0.001, "yaw_sd": 0.1,
+    }  # fmt: skip
+    console = Console(width=80, record=True, file=StringIO())
+    console.print(object_table([row], posterior().clip.truth))
+    text = console.export_text()
+    assert max(map(len, text.splitlines())) <= 80
+    for shown in ("0.998 ± 0.001", "-1.71 ± 0.23", "5.13 ± 0.40", "0 ± 6", "armchair"):
+        assert shown in text
 
 
 def test_what_is_not_there_is_said() -> None:
