@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.models.errors import InputError
 
-__all__ = ["Camera"]
+__all__ = ["Camera", "floor_edges"]
 
 Array = NDArray[np.float64]
 
@@ -183,3 +183,34 @@ class Camera:
             fx=self.fx * focal_scale,
             fy=self.fy * focal_scale,
         )
+
+
+def floor_edges(camera: Camera, *, reach: float) -> list[Array]:
+    """Where the edges of the image meet the floor, as straight lines.
+
+    Parameters
+    ----------
+    camera : Camera
+    reach : float
+        Metres; what is farther may be left out.
+
+    Returns
+    -------
+    list of (2, 2) float
+        Ends of a line for each edge with floor in it, metres.
+    """
+    u, v = float(camera.width), float(camera.height)
+    rays = camera.rays([(0.0, 0.0), (u, 0.0), (u, v), (0.0, v)]) @ camera.rotation.T
+    least = camera.elevation / reach
+    edges = []
+    for first, last in zip(rays, np.roll(rays, -1, axis=0), strict=True):
+        # Where a ray descends by ``least`` a metre, it meets the floor at ``reach`` or beyond.
+        down = -first[2], -last[2]
+        if max(down) <= least:
+            continue
+        middle = first
+        if min(down) < least:
+            middle = first + (last - first) * (least - down[0]) / (down[1] - down[0])
+        ends = np.stack([middle if down[0] < least else first, middle if down[1] < least else last])
+        edges.append(ends[:, :2] * (camera.elevation / -ends[:, 2:]))
+    return edges

@@ -15,7 +15,16 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-__all__ = ["Listed", "brief", "counted", "in_markdown", "plural", "readable", "with_error"]
+__all__ = [
+    "Listed",
+    "as_probability",
+    "brief",
+    "counted",
+    "in_markdown",
+    "plural",
+    "readable",
+    "with_error",
+]
 
 T = TypeVar("T")
 _UNKNOWN: Final = "\N{REPLACEMENT CHARACTER}"
@@ -52,21 +61,50 @@ def _printable(character: str) -> str:
     return _UNKNOWN if category in ("Cc", "Cs") or character in _ORDERS else character
 
 
+_DIGITS: Final = range(2, 7)
+"""Digits after the point of a number with an error; smaller errors are those of arithmetic."""
+
+
 def with_error(value: float, error: float) -> str:
-    """A number with its error, to two digits after the point.
+    """A number with its error, to two digits after the point, or to the first one of the error.
 
     Parameters
     ----------
     value : float
     error : float
-        NaN if no error can be given.
+        NaN if no error can be given; 0 if there is none.
 
     Returns
     -------
     str
-        Such as ``0.25 ± 0.03``, or ``0.25 ± unknown``.
+        Such as ``0.25 ± 0.03``, ``0.998 ± 0.001``, ``0.25 ± unknown``, or ``0.25`` without an
+        error.
     """
-    return f"{value:.2f} ± {'unknown' if math.isnan(error) else f'{error:.2f}'}"
+    if math.isnan(error):
+        return f"{value:.2f} ± unknown"
+    digits = next((d for d in _DIGITS if round(error, d) > 0), None)
+    return f"{value:.2f}" if digits is None else f"{value:.{digits}f} ± {error:.{digits}f}"
+
+
+def as_probability(value: float) -> str:
+    """A probability of which no error is shown, so that it never looks certain.
+
+    Parameters
+    ----------
+    value : float
+
+    Returns
+    -------
+    str
+        Such as ``0.25``, ``> 0.99`` or ``< 0.01``.
+
+    Examples
+    --------
+    >>> as_probability(0.25), as_probability(0.998), as_probability(0.0)
+    ('0.25', '> 0.99', '< 0.01')
+    """
+    shown = f"{value:.2f}"
+    return {"1.00": "> 0.99", "0.00": "< 0.01"}.get(shown, shown)
 
 
 _MARKS: Final = "\\`*<|["

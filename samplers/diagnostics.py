@@ -31,6 +31,7 @@ __all__ = [
     "mean_error",
     "rhat",
     "stationary_distribution",
+    "unanimous_error",
 ]
 
 Array = NDArray[np.float64]
@@ -86,11 +87,11 @@ class LayoutProbabilities(NamedTuple):
 
     @property
     def effective_draws(self) -> Array:
-        """(K,) number of independent draws with the same error; infinite where the error is 0."""
+        """(K,) number of independent draws with the same error; infinite if all draws agree."""
         variance = self.probability * (1 - self.probability)
         with np.errstate(divide="ignore", invalid="ignore"):
             effective = variance / self.standard_error**2
-        return np.where(self.standard_error == 0, np.inf, effective)
+        return np.where(variance == 0, np.inf, effective)
 
 
 def layout_probabilities(indicators: ArrayLike, *, rng: np.random.Generator) -> LayoutProbabilities:
@@ -312,6 +313,32 @@ def mean_error(draws: ArrayLike) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         values = array_stats.mcse(draws, method="mean", chain_axis=0, draw_axis=1)
     return np.asarray(values, np.float64)
+
+
+def unanimous_error(log_density: ArrayLike) -> float:
+    """Standard error of a probability on which all draws agree.
+
+    Such draws have no variance to take an error from. After n independent draws that agree, the
+    next one differs with probability 1 / (n + 2) under a uniform prior (Laplace's rule of
+    succession), which is also the standard deviation of the probability up to terms of order
+    1 / n^2. Here n is the effective number of draws of the log density.
+
+    Parameters
+    ----------
+    log_density : (C, N) float
+        Of each draw of C chains.
+
+    Returns
+    -------
+    float
+        NaN with fewer than 4 draws.
+
+    Warns
+    -----
+    ShortChainWarning
+        Fewer than 4 draws.
+    """
+    return float(1 / (ess(log_density) + 2))
 
 
 def _too_short(n_chains: int, n_draws: int) -> bool:

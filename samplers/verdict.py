@@ -60,7 +60,8 @@ class Measures(NamedTuple):
     Parameters
     ----------
     error : float
-        Largest standard error of any layout; NaN if unknown.
+        Largest standard error of any layout; NaN if unknown. If all draws have one layout, that of
+        the least effective number of draws that agree.
     rhat : float
         Largest R-hat of the functionals; infinite if chains are too short, or if each stays at a
         value of its own; 1 if there are no functionals.
@@ -115,8 +116,11 @@ def measure(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) 
     rhats = [(_known(value, math.inf), name) for name, value in found.items()]
     worst, worst_of = max(rhats, default=(1.0, ""))
     fewest, fewest_of = min(effective + of_layouts, default=(math.inf, ""))
+    error = float(np.max(layouts.standard_error))
+    if error == 0:
+        error = 1 / (fewest + 2)  # of draws that agree, see `unanimous_error`
     return Measures(
-        error=float(np.max(layouts.standard_error)),
+        error=error,
         rhat=worst,
         rhat_of=worst_of,
         effective_draws=fewest,

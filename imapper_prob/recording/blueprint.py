@@ -14,12 +14,11 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.text import counted, in_markdown, with_error
 from imapper_prob.recording.posterior import HIDDEN, Certainty, chain_entity, trace_entity
 from imapper_prob.recording.shapes import own_entity
-from imapper_prob.uncertainty.clusters import ObjectCluster
-from imapper_prob.uncertainty.parameters import Nuisance
+from imapper_prob.uncertainty.clusters import cells_of_object, names_of
+from imapper_prob.uncertainty.parameters import cells_of_parameter
 from imapper_prob.uncertainty.scenes import WeightedScene
 
 __all__ = [
-    "TITLES",
     "caption",
     "certainty_text",
     "make_blueprint",
@@ -45,22 +44,15 @@ Play `frame` to see the motion. Choose the timeline `scene` for one scene after 
 """
 _CERTAINTY_LEGEND = f"""\
 An object is *there* in that share of all draws; its label is what it is called if it is there;
-± are standard deviations. *Hides* counts the joints, over all frames, that it hides with a
-probability of at least {HIDDEN:.1f}.
+± are standard deviations, of *there* the Monte-Carlo error. *Hides* counts the joints, over all
+frames, that it hides with a probability of at least {HIDDEN:.1f}.
 
-*Learned* is how much of the prior variance is gone: 0 % if the clip taught nothing, 100 % if
-everything; below 0 the posterior is wider than the prior.
+Camera and body are first fitted to the feet alone, then drawn given everything that is seen.
+*Variance less by* is how much less the variance is then: 0 % if only the feet tell of the number,
+100 % if the rest tells everything; below 0 it is wider.
 """
 _DOTS = 25
 """Number of dots in a full bar."""
-TITLES = {
-    "pitch": ("camera pitch", "°", 180 / np.pi),
-    "roll": ("camera roll", "°", 180 / np.pi),
-    "elevation": ("camera height", "m", 1.0),
-    "log_focal_scale": ("log focal length", "%", 100.0),
-    "log_body_scale": ("log stature", "%", 100.0),
-}
-"""Name and unit of each nuisance parameter, and the factor to that unit from the model's unit."""
 
 
 def scene_name(number: int, weighted: WeightedScene) -> str:
@@ -114,18 +106,19 @@ def certainty_text(certainty: Certainty) -> str:
         Markdown.
     """
     hidden = certainty.hidden
+    clusters = certainty.clusters
     objects = [
-        "| object | there | label | across | depth | facing | hides |",
+        "| object | label | there | right [m] | away [m] | facing | hides |",
         "|---|---|---|---|---|---|---|",
         *(
-            _object_row(c, int((hidden.by_object[k] >= HIDDEN).sum()))
-            for k, c in enumerate(certainty.clusters)
+            _row(name, *cells_of_object(c), f"{(hidden.by_object[k] >= HIDDEN).sum()}")
+            for k, (name, c) in enumerate(zip(names_of(clusters), clusters, strict=True))
         ),
     ]
     parameters = [
-        "| parameter | before | after | learned |",
+        "| parameter | from the feet alone | from everything | variance less by |",
         "|---|---|---|---|",
-        *(_parameter_row(n) for n in certainty.nuisances.values()),
+        *(_row(*cells_of_parameter(n)) for n in certainty.nuisances.values()),
     ]
     spread = 100 * certainty.joints.standard_deviation[:, PELV].mean(0)
     person = (
@@ -155,30 +148,8 @@ def moves_text(acceptance: Mapping[str, float]) -> str:
     return "\n".join(["| move | accepted | |", "|---|---|---|", *rows])
 
 
-def _object_row(cluster: ObjectCluster, hides: int) -> str:
-    across, depth = 100 * np.sqrt(np.diag(cluster.covariance))
-    labels = ", ".join(f"{in_markdown(n)} {share:.2f}" for n, share in cluster.labels.items())
-    # A spread beyond half a turn means that any direction is possible.
-    turn = np.degrees(cluster.yaw_spread)
-    facing = f"{np.degrees(cluster.yaw):.0f}° ± {turn:.0f}°" if turn < 180 else "any"
-    x, y = cluster.mean
-    return (
-        f"| {in_markdown(cluster.label)} "
-        f"| {with_error(cluster.presence, cluster.presence_error)} | {labels} "
-        f"| {x:.2f} m ± {across:.0f} cm | {y:.2f} m ± {depth:.0f} cm | {facing} | {hides} |"
-    )
-
-
-def _parameter_row(one: Nuisance) -> str:
-    title, unit, scale = TITLES[one.name]
-    digits = 2 if unit == "m" else 1
-
-    def told(mean: float, spread: float) -> str:
-        return f"{scale * mean:.{digits}f} ± {scale * spread:.{digits}f} {unit}"
-
-    before = told(one.prior_mean, one.prior_standard_deviation)
-    after = told(one.mean, one.standard_deviation)
-    return f"| {title} | {before} | {after} | {100 * one.contraction:.0f} % |"
+def _row(*cells: str) -> str:
+    return f"| {' | '.join(map(in_markdown, cells))} |"
 
 
 def _bar(share: float) -> str:

@@ -14,7 +14,7 @@ from imapper_prob.models.log_posterior import motion
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip, SceneObject, Track, Truth
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.models.text import brief
+from imapper_prob.models.text import as_probability, brief
 from imapper_prob.people import at_one_time, by_person, own_part
 from imapper_prob.plotting import category_colour
 from imapper_prob.recording import palette, shapes
@@ -323,7 +323,7 @@ def _names(clusters: Sequence[ObjectCluster]) -> rr.Points3D:
     clusters = [c for c in clusters if c.presence >= _NAMED]
     return rr.Points3D(
         np.reshape([(*c.mean, 0.02) for c in clusters], (-1, 3)),
-        labels=[drawable(f"{c.label} {c.presence:.2f}") for c in clusters],
+        labels=[drawable(f"{c.label} {as_probability(c.presence)}") for c in clusters],
         colors=np.reshape([category_colour(c.label) for c in clusters], (-1, 3)),
         radii=0.02,
         show_labels=True,

@@ -38,6 +38,7 @@ __all__ = [
     "box_columns",
     "boxes",
     "camera_pose",
+    "entity_part",
     "floor_lines",
     "floor_plane",
     "limbs",
@@ -409,8 +410,24 @@ PATH_RADIUS: Final = 0.012
 """Radii of joints, limbs and paths in metres, chosen by eye."""
 
 
+def entity_part(number: int, name: str) -> str:
+    """The part of an entity's path that names one of several things, unique by its number.
+
+    Parameters
+    ----------
+    number : int
+    name : str
+        Characters that the viewer cannot draw become question marks: paths appear in its legends.
+
+    Returns
+    -------
+    str
+    """
+    return rr.escape_entity_path_part(f"{number} {drawable(name)}")
+
+
 def own_entity(clip: Clip, entity: str, person: int) -> str:
-    """Entity of one person: ``entity``, with the person's name below it if there are several.
+    """Entity of one person: ``entity``, with number and name below it if there are several people.
 
     Parameters
     ----------
@@ -425,7 +442,7 @@ def own_entity(clip: Clip, entity: str, person: int) -> str:
     """
     if len(clip.tracks) == 1:
         return entity
-    return f"{entity}/{rr.escape_entity_path_part(clip.tracks[person].name)}"
+    return f"{entity}/{entity_part(person + 1, clip.tracks[person].name)}"
 
 
 def log_static(recording: rr.RecordingStream, entity: str, what: rr.AsComponents) -> None:

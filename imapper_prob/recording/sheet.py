@@ -9,7 +9,9 @@ Entities, in metres, z up::
     sheet/ACTION/NAME/poses        poses along the motion, darker for earlier ones
     sheet/ACTION/NAME/person, …    the person, moving on the timeline `frame`
 
-Motions differ in length: all start at frame 0, and a motion that has ended keeps its last pose.
+Before each action and each name stands its number on the sheet, from 1. Motions differ in length:
+all start at frame 0, and a motion that has ended keeps its last pose. All are shown at the highest
+frame rate among them.
 """
 
 from __future__ import annotations
@@ -17,8 +19,8 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -28,11 +30,12 @@ import rerun.blueprint as rrb
 from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.problem import resample
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.plotting import Colour
 from imapper_prob.recording import palette, shapes
 from imapper_prob.recording.log import saved
-from imapper_prob.recording.shapes import log_person, log_static
+from imapper_prob.recording.shapes import entity_part, log_person, log_static
 
 __all__ = ["kinds", "write_sheet"]
 
@@ -156,12 +159,14 @@ def _laid_out(library: Library, charness: Array) -> dict[str, list[_Tile]]:
     width = max(map(len, chosen.values())) + _HEADING
     n_columns = max(1, round(np.sqrt(_WIDE * len(rows) / width)))
     depth = -(-len(rows) // n_columns)
+    fps = max(library[i].fps for members in chosen.values() for i in members)
     by_action: dict[str, list[_Tile]] = {action: [] for action in actions}
     for k, (action, kind) in enumerate(rows):
-        by_action[action] += [
-            _Tile(library[i], kind, float(charness[i]), (k // depth) * width + n, k % depth, side)
-            for n, i in enumerate(chosen[action, kind])
-        ]
+        for n, i in enumerate(chosen[action, kind]):
+            joints = resample(library[i].joints, fps=library[i].fps, to_fps=fps)
+            shown, column = replace(library[i], joints=joints, fps=fps), (k // depth) * width + n
+            tile = _Tile(shown, kind, float(charness[i]), column, k % depth, side)
+            by_action[action].append(tile)
     return by_action
 
 
@@ -184,8 +189,7 @@ def _log(recording: rr.RecordingStream, by_action: Mapping[str, Sequence[_Tile]]
     n_frames = max(s.n_frames for s in everything)
     log_static(recording, "/", palette.annotation_context(categories))
     log_static(recording, "sheet", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-    for action, tiles in by_action.items():
-        entity = _entity(action)
+    for entity, tiles in zip(_entities(by_action), by_action.values(), strict=True):
         log_static(recording, f"{entity}/tiles", _ground(tiles))
         firsts = list({t.kind: t for t in reversed(tiles)}.values())[::-1]
         places = [t.at(-0.9, 0.0) for t in firsts]
@@ -193,14 +197,14 @@ def _log(recording: rr.RecordingStream, by_action: Mapping[str, Sequence[_Tile]]
         places = [t.at(0.0, -0.42) for t in tiles]
         numbers = [f"{t.scenelet.name.split('-')[-1]} · {t.charness:.2f}" for t in tiles]
         log_static(recording, f"{entity}/numbers", _words(places, numbers, _DIM))
-        for tile in tiles:
-            _log_scenelet(
-                recording, _entity(action, tile.scenelet.name), tile, categories, n_frames
-            )
+        for number, tile in enumerate(tiles, 1):
+            own = f"{entity}/{entity_part(number, tile.scenelet.name)}"
+            _log_scenelet(recording, own, tile, categories, n_frames)
 
 
-def _entity(*parts: str) -> str:
-    return "/".join(["sheet", *map(rr.escape_entity_path_part, parts)])
+def _entities(actions: Iterable[str]) -> list[str]:
+    """The entity of each action."""
+    return [f"sheet/{entity_part(number, action)}" for number, action in enumerate(actions, 1)]
 
 
 def _log_scenelet(
@@ -252,14 +256,14 @@ def _words(
 
 
 def _blueprint(by_action: Mapping[str, Sequence[_Tile]]) -> rrb.Blueprint:
-    everything = [t for tiles in by_action.values() for t in tiles]
+    everything, entities = [t for tiles in by_action.values() for t in tiles], _entities(by_action)
     views = [
-        _view(action.capitalize(), [f"{_entity(action)}/**"], tiles)
-        for action, tiles in by_action.items()
+        _view(action.capitalize(), [f"{entity}/**"], tiles)
+        for entity, (action, tiles) in zip(entities, by_action.items(), strict=True)
     ]
     if len(views) > 1:
         # From far away the numbers would hide the people.
-        contents = ["sheet/**", *(f"- {_entity(action)}/numbers" for action in by_action)]
+        contents = ["sheet/**", *(f"- {entity}/numbers" for entity in entities)]
         views = [_view("All (bright: characteristic)", contents, everything), *views]
     return rrb.Blueprint(
         rrb.Tabs(*views, active_tab=0),

@@ -7,7 +7,8 @@ Entities, in metres in the world frame (z up, floor at z = 0)::
     world/path/...               paths of all people, on timeline `stage`
     world/truth/...              ground truth, if it is known
     summary                      what the stage did, on timeline `stage`
-    charness/...                 bars over frames, by actor; the same at every stage
+    charness/...                 bars over frames, by number and name of the actor; the same at
+                                 every stage
 
 The timeline is `stage`, from 1.
 """
@@ -33,7 +34,7 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.plotting import Colour
 from imapper_prob.recording import palette, shapes
 from imapper_prob.recording.log import saved
-from imapper_prob.recording.shapes import PATH_RADIUS, log_moving, log_static
+from imapper_prob.recording.shapes import PATH_RADIUS, entity_part, log_moving, log_static
 from imapper_prob.solver.actors import Solved
 from imapper_prob.solver.candidates import Candidate
 from imapper_prob.solver.combinations import state_of
@@ -157,7 +158,7 @@ def _log_all(
     documents = rr.TextDocument.columns(text=texts, media_type=["text/markdown"] * len(texts))
     recording.send_columns("summary", indexes=[at], columns=documents, strict=True)
     for k, (name, (frames, values)) in enumerate(charness.items()):
-        entity = f"charness/{rr.escape_entity_path_part(name)}"
+        entity = f"charness/{entity_part(k + 1, name)}"
         colour = palette.SCENE_COLOURS[k % len(palette.SCENE_COLOURS)]
         # A bar chart, because a curve would be visible only while `frame` is the timeline.
         log_static(recording, entity, _bars(frames, values, colour))
@@ -165,7 +166,8 @@ def _log_all(
 
 def _bars(frames: NDArray[np.int64], values: Array, colour: Colour) -> rr.BarChart:
     """One bar for each window, as wide as the distance between windows."""
-    widths = np.full(len(frames), np.diff(frames).min(initial=len(frames)), dtype=float)
+    apart = np.diff(frames)
+    widths = np.full(len(frames), apart.min() if len(apart) else 1, dtype=float)
     return rr.BarChart(values, abscissa=frames, widths=widths, color=colour)
 
 

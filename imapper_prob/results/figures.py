@@ -441,7 +441,7 @@ def person_figure(posterior: Posterior) -> Figure:
 
 
 def nuisance_figure(posterior: Posterior) -> Figure:
-    """Draw prior (grey) and posterior of the camera and body parameters.
+    """Draw camera and body from the feet alone (the prior, grey), and the posterior.
 
     Parameters
     ----------
@@ -463,7 +463,7 @@ def nuisance_figure(posterior: Posterior) -> Figure:
         axes.hist(one.draws.ravel(), bins=30, density=True, color=_CHAINS[0], alpha=0.7)
         unit = "" if one.unit == "1" else f" [{one.unit}]"
         axes.set_title(one.name.replace("_", " ") + unit, color=INK, fontsize=10)
-        axes.set_xlabel(f"{100 * one.contraction:.0f} % learned", color=INK, fontsize=9)
+        axes.set_xlabel(f"variance less by {100 * one.contraction:.0f} %", color=INK, fontsize=9)
         axes.set_yticks([])
         tidy(axes)
     return figure

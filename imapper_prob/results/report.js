@@ -85,7 +85,8 @@
           if (own > most) [by, most] = [object, own];
         });
         const whose = moments.people > 1 ? `${moments.names[person]}, ` : "";
-        said.push(`${whose}${moments.words[joint]} (${by ? `${by}, ` : ""}${(share / 100).toFixed(2)})`);
+        const told = share < 100 ? (share / 100).toFixed(2) : "> 0.99";
+        said.push(`${whose}${moments.words[joint]} (${by ? `${by}, ` : ""}${told})`);
       });
     }
     return said.length ? `Probably hidden now: ${said.join("; ")}.` : "Probably nothing is hidden now.";
@@ -149,20 +150,9 @@
   }
 
   function stop() {
-    window.clearTimeout(playing);
+    window.cancelAnimationFrame(playing);
     playing = null;
     at("play").textContent = "Play";
-  }
-
-  function step() {
-    const next = moment + 1;
-    if (next >= moments.frames.length) {
-      stop();
-      return;
-    }
-    const wait = 1000 * (moments.seconds[next] - moments.seconds[moment]);
-    setMoment(next);
-    playing = window.setTimeout(step, Math.max(wait, 40));
   }
 
   function play() {
@@ -170,9 +160,20 @@
       stop();
       return;
     }
-    if (moment + 1 >= moments.frames.length) setMoment(0);
+    const last = moments.frames.length - 1;
+    if (moment >= last) setMoment(0);
     at("play").textContent = "Pause";
-    playing = window.setTimeout(step, 40);
+    // The time that has passed says which moment is shown: screens may be slower than the clip.
+    const begun = window.performance.now(), first = moments.seconds[moment];
+    const step = () => {
+      const now = first + (window.performance.now() - begun) / 1000;
+      let next = moment;
+      while (next < last && moments.seconds[next + 1] <= now) next += 1;
+      if (next !== moment) setMoment(next);
+      if (next < last) playing = window.requestAnimationFrame(step);
+      else stop();
+    };
+    playing = window.requestAnimationFrame(step);
   }
 
   [FLOOR, VIEW, MAP, HIDING].forEach(draw);

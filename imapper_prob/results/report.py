@@ -8,18 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from html import escape
 from pathlib import Path
 from typing import Final
-
-import numpy as np
 
 from imapper_prob.files import written_whole
 from imapper_prob.models.drawing import INK, QUIET
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.models.text import with_error
+from imapper_prob.models.text import as_probability, with_error
 from imapper_prob.people import by_person
-from imapper_prob.recording.blueprint import TITLES
 from imapper_prob.recording.posterior import HIDDEN
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.report_moments import moments, moments_of
@@ -67,8 +65,8 @@ from imapper_prob.results.report_text import (
 )
 from imapper_prob.sampling.ensembles import describe_walked
 from imapper_prob.uncertainty.checks import alarms
-from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
-from imapper_prob.uncertainty.parameters import Nuisance
+from imapper_prob.uncertainty.clusters import cells_of_object, names_of
+from imapper_prob.uncertainty.parameters import cells_of_parameter
 from imapper_prob.uncertainty.scenes import WeightedScene
 from imapper_prob.uncertainty.tree import seconds_of
 
@@ -156,7 +154,7 @@ def _scenes(posterior: Posterior, floor: Floor) -> str:
     scenes, clip = posterior.scenes(), posterior.clip
     buttons = "".join(
         f'<button type="button" data-scene="{k}" aria-pressed="{str(not k).lower()}">'
-        f"Scene {k + 1}: {weighted.probability:.2f}</button>"
+        f"Scene {k + 1}: {escape(as_probability(weighted.probability))}</button>"
         for k, weighted in enumerate(scenes)
     )
     captions = _of_scenes([paragraph(caption(k, w)) for k, w in enumerate(scenes, 1)])
@@ -212,17 +210,17 @@ def _scene_table(posterior: Posterior) -> str:
             listed(weighted.names),
             weighted.difference or "the most probable one",
             with_error(weighted.probability, weighted.error),
-            *(f"{share:.2f}" for share in posterior.scene_probabilities.by_chain[:, number - 1]),
+            *map(as_probability, posterior.scene_probabilities.by_chain[:, number - 1].tolist()),
         ]
         for number, weighted in enumerate(scenes, 1)
     ]
     chains = [f"chain {n}" for n in range(1, posterior.samples.shape[0] + 1)]
-    rest = 1 - sum(weighted.probability for weighted in scenes)
+    rest = max(1 - sum(weighted.probability for weighted in scenes), 0.0)
     return table(
         ["scene", "furniture", "unlike the first", "probability", *chains],
         rows,
         words=3,
-        caption=f"All other scenes together: {max(rest, 0.0):.2f}. Where chains differ, the "
+        caption=f"All other scenes together: {as_probability(rest)}. Where chains differ, the "
         "sampler has not found its way between rooms.",
     )
 
@@ -267,7 +265,7 @@ def _objects(posterior: Posterior, floor: Floor) -> str:
     certainty, clip = posterior.certainty, posterior.clip
     hidden, clusters = certainty.hidden, certainty.clusters
     rows = [
-        _object_row(name, cluster, int((hidden.by_object[k] >= HIDDEN).sum()))
+        [name, *cells_of_object(cluster), f"{(hidden.by_object[k] >= HIDDEN).sum()}"]
         for k, (name, cluster) in enumerate(zip(names_of(clusters), clusters, strict=True))
     ]
     columns = [
@@ -294,8 +292,9 @@ def _objects(posterior: Posterior, floor: Floor) -> str:
             columns,
             rows,
             words=2,
-            caption=f"± are standard deviations. The last column counts joints, over all frames, "
-            f"that the object hides with a probability of at least {HIDDEN:.1f}.",
+            caption='± are standard deviations, of "there" the Monte-Carlo error. The last column '
+            "counts joints, over all frames, that the object hides with a probability of at least "
+            f"{HIDDEN:.1f}.",
         ),
         hint="Objects matched across all scenes, so that none of this depends on which of them "
         "is the right one. The stronger a colour, the more probably the floor is covered there: "
@@ -325,25 +324,10 @@ def _hiding(posterior: Posterior) -> str:
     )
 
 
-def _object_row(name: str, cluster: ObjectCluster, hides: int) -> list[str]:
-    across, away = np.sqrt(np.diag(cluster.covariance))
-    turn = np.degrees(cluster.yaw_spread)
-    labels = ", ".join(f"{label} {share:.2f}" for label, share in cluster.labels.items())
-    return [
-        name,
-        labels,
-        with_error(cluster.presence, cluster.presence_error),
-        f"{cluster.mean[0]:.2f} ± {across:.2f}",
-        f"{cluster.mean[1]:.2f} ± {away:.2f}",
-        f"{np.degrees(cluster.yaw) % 360:.0f}° ± {turn:.0f}°" if turn < 180 else "any",
-        str(hides),
-    ]
-
-
 def _person(posterior: Posterior) -> str:
     clip, certainty = posterior.clip, posterior.certainty
     pelvis = 100 * certainty.joints.standard_deviation.mean((0, 1))
-    rows = [_parameter_row(one) for one in certainty.nuisances.values()]
+    rows = [list(cells_of_parameter(one)) for one in certainty.nuisances.values()]
     return section(
         "The person and the camera",
         paragraph(
@@ -352,27 +336,13 @@ def _person(posterior: Posterior) -> str:
         ),
         *map(paragraph, sides_of(clip, posterior.sides_flipped)),
         table(
-            ["", "before the clip", "after it", "learned"],
+            ["", "from the feet alone", "from everything", "variance less by"],
             rows,
-            caption="Learned is how much of the variance is gone; where it is nothing, the number "
-            "is what was assumed.",
+            caption="Camera and body are first fitted to the feet alone, then drawn given "
+            "everything that is seen. Where the variance is not less, only the feet and what was "
+            "said or assumed tell of the number.",
         ),
     )
-
-
-def _parameter_row(one: Nuisance) -> list[str]:
-    title, unit, scale = TITLES[one.name]
-    digits = 2 if unit == "m" else 1
-
-    def told(mean: float, spread: float) -> str:
-        return f"{scale * mean:.{digits}f} ± {scale * spread:.{digits}f} {unit}"
-
-    return [
-        title,
-        told(one.prior_mean, one.prior_standard_deviation),
-        told(one.mean, one.standard_deviation),
-        f"{100 * one.contraction:.0f} %",
-    ]
 
 
 def _checks(posterior: Posterior) -> str:
@@ -408,10 +378,9 @@ def _diagnostics(posterior: Posterior) -> str:
         for number, ladder in enumerate(samples.ladders, 1)
         if ladder.swap_rates and math.isfinite(ladder.barrier)
     ]
-    made = posterior.config.sample
     chains = plot(
         "chains",
-        chains_plot(samples.traces, burn_in=min(1.0, made.burn_in * made.steps / made.steps_made)),
+        chains_plot(samples.traces, unused=samples.unused(posterior.config.sample)),
         alt="Log-posterior of every chain over the run",
         proportion=2.6,
     )
@@ -435,7 +404,8 @@ def _diagnostics(posterior: Posterior) -> str:
             paragraph(describe_walked(samples.walked)),
             f'<div class="card">{chains}{legend(entries)}</div>',
             paragraph(
-                "All chains should look alike, and none should drift, after the grey part.",
+                "After the grey part, from which no draws are used, all chains should look alike, "
+                "and none should drift.",
                 style="hint",
             ),
             table(

@@ -16,14 +16,14 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import ArrayLike, NDArray
 
-from imapper_prob.models.camera import Camera
+from imapper_prob.models.camera import Camera, floor_edges
 from imapper_prob.models.drawing import INK, LINES, QUIET
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.skeleton import JOINTS, PELV
-from imapper_prob.models.text import with_error
+from imapper_prob.models.text import as_probability
 from imapper_prob.people import by_person
 from imapper_prob.plotting import category_colour
-from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
+from imapper_prob.uncertainty.clusters import ObjectCluster, cells_of_object, names_of
 from imapper_prob.uncertainty.hidden import HiddenJoints
 from imapper_prob.uncertainty.occupancy import Occupancy
 from imapper_prob.uncertainty.scenes import WeightedScene
@@ -239,7 +239,7 @@ def view_plot(clip: Clip, scenes: Sequence[WeightedScene]) -> go.Figure:
         for o in weighted.objects:
             edges = _apart(_edges(weighted.scene.camera, o))
             _line(
-                figure, edges, hue(o.label), width=1.4, text=escape(o.label), hoverinfo="text",
+                figure, edges, hue(o.label), width=1.4, text=_plain(o.label), hoverinfo="text",
                 meta={"scene": number}, visible=number == 0,
             )  # fmt: skip
     for person in range(len(clip.tracks)):
@@ -296,7 +296,7 @@ def map_plot(
         named = cluster.presence >= _NAMED
         figure.add_scatter(
             x=[float(cluster.mean[0])], y=[float(cluster.mean[1])], opacity=max(faint, 0.6),
-            mode="markers+text" if named else "markers", text=[escape(name)] if named else None,
+            mode="markers+text" if named else "markers", text=[_plain(name)] if named else None,
             textposition="top center", marker={"size": 10, "color": colour, "symbol": "diamond",
             "line": {"color": INK, "width": 1}}, hoverinfo="text", hovertext=_told(cluster, name),
         )  # fmt: skip
@@ -327,10 +327,10 @@ def hiding_plot(clip: Clip, hidden: HiddenJoints, kept: NDArray[np.int64]) -> go
         if len(hidden.by_object)
         else np.zeros((0, *shares.shape))
     )
-    names = [escape(name) for name in names_of(hidden.clusters)]
+    names = [_plain(name) for name in names_of(hidden.clusters)]
     rows, values, told = [], [], []
     for person, track in enumerate(clip.tracks):
-        whose = f"{escape(track.name)}: " if len(clip.tracks) > 1 else ""
+        whose = f"{_plain(track.name)}: " if len(clip.tracks) > 1 else ""
         for joint in _FROM_HEAD:
             rows.append(f"{whose}{JOINT_WORDS[joint]}")
             values.append(np.rint(100 * shares[person, :, joint]).astype(int).tolist())
@@ -359,15 +359,15 @@ def hiding_plot(clip: Clip, hidden: HiddenJoints, kept: NDArray[np.int64]) -> go
     return figure
 
 
-def chains_plot(traces: Array, *, burn_in: float) -> go.Figure:
-    """Log-posterior of each chain over the whole run, with the burn-in in grey.
+def chains_plot(traces: Array, *, unused: int) -> go.Figure:
+    """Log-posterior of each chain over the whole run, grey before the first draw.
 
     Parameters
     ----------
     traces : (C, n) float
         Nats.
-    burn_in : float
-        Share of the run that is burn-in.
+    unused : int
+        Number of values of each chain from before its first draw.
 
     Returns
     -------
@@ -382,18 +382,24 @@ def chains_plot(traces: Array, *, burn_in: float) -> go.Figure:
             CHAIN_COLOURS[number % len(CHAIN_COLOURS)], width=1, hoverinfo=None,
             hovertemplate=f"chain {number + 1}<br>%{{y:.1f}} nat<extra></extra>",
         )  # fmt: skip
-    kept = traces[:, int(burn_in * traces.shape[1]) :]
+    kept = traces[:, unused:]
     if np.isfinite(kept).any():
         low, high = (float(v) for v in np.nanquantile(kept, (0.002, 1.0)))
         room = high - low
         figure.update_yaxes(range=[low - 0.3 * room - 1, high + 0.1 * room + 1])
     figure.update_xaxes(range=[0, 1])
-    figure.add_vrect(x0=0, x1=burn_in, fillcolor=LINES, opacity=0.6, line_width=0, layer="below")
+    grey = min(unused / max(traces.shape[1] - 1, 1), 1.0)
+    figure.add_vrect(x0=0, x1=grey, fillcolor=LINES, opacity=0.6, line_width=0, layer="below")
     return figure
 
 
 # ------------------------------------------------------------------------------------------------
 # Pieces.
+
+
+def _plain(text: str) -> str:
+    """Text that plotly shows as it is: it takes some HTML for markup, and decodes few entities."""
+    return escape(text, quote=False)
 
 
 def _axis(title: str) -> dict[str, Any]:
@@ -458,18 +464,15 @@ def _closed(outlines: Iterable[Array]) -> Array:
 
 
 def _sight(figure: go.Figure, camera: Camera, floor: Floor, **own: Any) -> None:
-    """Draw the limits of the camera's field of view."""
-    far = 2 * float(floor.high[1])
-    edges = [
-        np.array([[0, 0], [(pixel - camera.cx) / camera.fx * far, far]])
-        for pixel in (0.0, float(camera.width))
-    ]
+    """Draw the edge of the floor that the camera sees, as far as the drawn floor reaches."""
+    reach = float(np.linalg.norm(np.maximum(np.abs(floor.low), np.abs(floor.high))))
+    edges = floor_edges(camera, reach=reach)
     _line(figure, _apart(edges), SIGHT_COLOUR, width=1, dash="dashdot", **own)
 
 
 def _object(figure: go.Figure, o: SceneObject, covariance: Array, **own: Any) -> None:
     """Draw an object from above with its front, name and region of 90 %."""
-    colour, label = hue(o.label), escape(o.label)
+    colour, label = hue(o.label), _plain(o.label)
     spread = np.sqrt(np.diag(covariance))
     low, high = o.bounds
     width, depth, height = high - low
@@ -539,8 +542,9 @@ def _cells(figure: go.Figure, floor: Floor, occupancy: Occupancy) -> None:
         )  # fmt: skip
     told = [
         [
-            "<br>".join(
-                f"{escape(category)} {layers[k, i, j]:.2f}"
+            f"something {_plain(as_probability(anything[i, j]))}"
+            + "".join(
+                f"<br>{_plain(category)} {_plain(as_probability(layers[k, i, j]))}"
                 for k, category in enumerate(occupancy.categories)
                 if layers[k, i, j] >= _FREE
             )
@@ -552,19 +556,16 @@ def _cells(figure: go.Figure, floor: Floor, occupancy: Occupancy) -> None:
     figure.add_heatmap(
         x=x, y=y, z=np.round(anything, 3).astype(np.float32), text=told, showscale=False,
         colorscale=[[0, clear], [1, clear]],
-        hovertemplate="at (%{x:.1f}, %{y:.1f}) m<br>something %{z:.2f}<br>%{text}<extra></extra>",
+        hovertemplate="at (%{x:.1f}, %{y:.1f}) m<br>%{text}<extra></extra>",
     )  # fmt: skip
 
 
 def _told(cluster: ObjectCluster, name: str) -> str:
-    across, away = np.sqrt(np.diag(cluster.covariance))
-    labels = ", ".join(f"{escape(label)} {share:.2f}" for label, share in cluster.labels.items())
-    turn = np.degrees(cluster.yaw_spread)
-    facing = f"{np.degrees(cluster.yaw) % 360:.0f}° ± {turn:.0f}°" if turn < 180 else "any"
+    cells = cells_of_object(cluster)
     return (
-        f"<b>{escape(name)}</b>, there with {with_error(cluster.presence, cluster.presence_error)}"
-        f"<br>called {labels}<br>x {cluster.mean[0]:.2f} ± {across:.2f} m"
-        f"<br>y {cluster.mean[1]:.2f} ± {away:.2f} m<br>turned by {facing}"
+        f"<b>{_plain(name)}</b>, there with {cells.there}"
+        f"<br>called {_plain(cells.labels)}<br>x {cells.right} m"
+        f"<br>y {cells.away} m<br>turned by {cells.facing}"
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.scene import SEATS, Clip
-from imapper_prob.models.text import plural, with_error
+from imapper_prob.models.text import as_probability, plural, with_error
 from imapper_prob.people import by_person, own_part
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import named
@@ -138,8 +138,9 @@ def warnings_of(
         )
     if best.probability < _WEAK:
         said.append(
-            f"Weak evidence: even the most probable scene has a probability of only "
-            f"{best.probability:.2f}. Look at the others too, and at what they have in common."
+            "Weak evidence: even the most probable scene has a probability of only "
+            f"{as_probability(best.probability)}. Look at the others too, and at what they have in "
+            "common."
         )
     if math.isnan(best.error):
         said.append("One draw a chain: no error of its probability can be given.")
@@ -148,7 +149,7 @@ def warnings_of(
             f"Its probability is known to ± {best.error:.2f} only, from the draws that there are."
         )
     kinds = [
-        f"{cluster.labels[cluster.label]:.2f} ({name})"
+        f"{as_probability(cluster.labels[cluster.label])} ({name})"
         for name, cluster in zip(names_of(clusters), clusters, strict=True)
         if cluster.label in SEATS
         and cluster.presence > _PROBABLE

@@ -49,7 +49,14 @@ from imapper_prob.sampling.checkpoints import ChainProgress, identity_of, rounds
 from imapper_prob.sampling.cluster import Cluster, SameProgram, executor_of
 from imapper_prob.sampling.ensembles import Walked, walk_draws
 from imapper_prob.sampling.gains import gains_of
-from imapper_prob.sampling.schedule import block_end, burn_in_of, end_of, learning_of
+from imapper_prob.sampling.schedule import (
+    block_end,
+    burn_in_of,
+    draws_of,
+    end_of,
+    learning_of,
+    trace_of,
+)
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.solver.solver import Solution
 
@@ -121,6 +128,26 @@ class Samples:
         kept = max(ladder.rounds for ladder in self.ladders)
         done = burn_in_of(settings) + kept
         return done if self.finished else block_end(settings, done - 1)
+
+    def unused(self, settings: SampleSettings) -> int:
+        """Number of values of each trace from before the first draw: burn-in and draws left out.
+
+        Parameters
+        ----------
+        settings : SampleSettings
+            Those of the run.
+
+        Returns
+        -------
+        int
+            All values if the run was interrupted in the burn-in.
+        """
+        rounds = burn_in_of(settings) + min(ladder.rounds for ladder in self.ladders)
+        draws, trace = draws_of(settings), trace_of(settings)
+        left_out = max(draws.kept(rounds) - self.shape[1], 0)
+        first = draws.at(left_out * draws.stride(rounds))
+        before: int = min(-(-trace.count(first) // trace.stride(rounds)), self.traces.shape[1])
+        return before
 
     @cached_property
     def seen(self) -> tuple[tuple[SceneObject, ...], ...]:

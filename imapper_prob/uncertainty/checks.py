@@ -298,21 +298,24 @@ def camera(nominal: Camera, cameras: Array) -> Check:
     )
     value, limit = float(np.linalg.norm(apart)), math.sqrt(chi2.isf(_RATE, len(apart)))
     found = (
-        f"{elevation:.2f} m above the floor at a pitch of {math.degrees(pitch):.0f}° and a roll of "
-        f"{math.degrees(roll):.0f}°"
+        f"{elevation:.2f} m above the floor at a pitch of {_degrees(pitch)} and a roll of "
+        f"{_degrees(roll)}"
     )
+    said = f"{nominal.elevation:.2f} m, {_degrees(nominal.pitch)} and {_degrees(nominal.roll)}"
     if not value > limit:
-        return Check("camera", value, limit, False, f"The camera is {found}, as was said.")
-    said = (
-        f"{nominal.elevation:.2f} m, {math.degrees(nominal.pitch):.0f}° and "
-        f"{math.degrees(nominal.roll):.0f}°"
-    )
+        sentence = f"The camera is {found}, near enough to the {said} that were said or assumed."
+        return Check("camera", value, limit, False, sentence)
     sentence = (
         f"The camera is not where it was said or assumed to be: what is seen puts it {found}, "
         f"where {said} were given. Measure --camera-height (metres) and --pitch (degrees, down is "
         "negative); one of them, or --focal, is wrong."
     )
     return Check("camera", value, limit, True, sentence)
+
+
+def _degrees(angle: float) -> str:
+    """An angle in radians as whole degrees, without a sign of zero."""
+    return f"{round(math.degrees(angle))}°"
 
 
 def _told(problem: Problem) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,13 +21,20 @@ from scipy.optimize import linear_sum_assignment
 
 from imapper_prob.models.drawing import axes_for, picture_of
 from imapper_prob.models.scene import FRONTLESS, SEATS, SceneObject
-from imapper_prob.models.text import with_error
-from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
+from imapper_prob.models.text import as_probability, with_error
+from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error, unanimous_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["ObjectCluster", "circular_mean_and_spread", "names_of", "object_clusters", "region_of"]
+__all__ = [
+    "ObjectCluster",
+    "cells_of_object",
+    "circular_mean_and_spread",
+    "names_of",
+    "object_clusters",
+    "region_of",
+]
 
 Array = NDArray[np.float64]
 _FINEST = 0.001
@@ -117,7 +124,8 @@ class ObjectCluster:
     presence : float
         Probability that the object exists.
     presence_error : float
-        Monte-Carlo standard error of ``presence``; NaN with too few draws.
+        Monte-Carlo standard error of ``presence``; NaN with too few draws. If all draws agree, that
+        of :func:`imapper_prob.samplers.diagnostics.unanimous_error`.
     labels : mapping of str to float
         Probability of each label if the object exists, in descending order, down to .001. Seats may
         have other labels than those of their scenelets (docs/explanation/model.md).
@@ -231,6 +239,54 @@ def names_of(clusters: Sequence[ObjectCluster]) -> tuple[str, ...]:
     return tuple(names)
 
 
+class ObjectCells(NamedTuple):
+    """What tables say of an object.
+
+    Parameters
+    ----------
+    labels : str
+        Labels with their probabilities, if the object is there.
+    there : str
+        Probability that it is there, with its error.
+    right, away : str
+        Mean and standard deviation of the position, metres.
+    facing : str
+        The same of the orientation, degrees from 0 to 359; ``any`` if it is beyond half a turn.
+    """
+
+    labels: str
+    there: str
+    right: str
+    away: str
+    facing: str
+
+
+def cells_of_object(cluster: ObjectCluster) -> ObjectCells:
+    """Put an object into words for tables.
+
+    Parameters
+    ----------
+    cluster : ObjectCluster
+
+    Returns
+    -------
+    ObjectCells
+    """
+    across, away = np.sqrt(np.diag(cluster.covariance))
+    turn = np.degrees(cluster.yaw_spread)
+    yaw = round(np.degrees(cluster.yaw)) % 360
+    return ObjectCells(
+        labels=", ".join(
+            label if share == 1 else f"{label} {as_probability(share)}"
+            for label, share in cluster.labels.items()
+        ),
+        there=with_error(cluster.presence, cluster.presence_error),
+        right=f"{cluster.mean[0]:.2f} ± {across:.2f}",
+        away=f"{cluster.mean[1]:.2f} ± {away:.2f}",
+        facing=f"{yaw}° ± {turn:.0f}°" if turn < 180 else "any",
+    )
+
+
 def object_clusters(
     draws: Sequence[Sequence[SceneObject]],
     log_posterior: Array,
@@ -248,7 +304,8 @@ def object_clusters(
     draws : sequence of C N sequences of SceneObject
         Furniture of each draw in its world frame, chain by chain.
     log_posterior : (C, N) float
-        Clusters start from the most probable draws.
+        Clusters start from the most probable draws. Its effective number of draws is that of an
+        object that all draws have.
     radius : float
         Distance in metres across the viewing ray within which objects of the same label match;
         along the ray, as seen from above the origin, twice as far.
@@ -283,7 +340,7 @@ def object_clusters(
     standing = draws if standing is None else standing
     labels = [[{o.label: 1.0} for o in own] for own in draws] if labels is None else labels
     results = [
-        _summary(draws, standing, labels, members[cluster == c], log_posterior.shape)
+        _summary(draws, standing, labels, members[cluster == c], log_posterior)
         for c in np.unique(cluster)
     ]
     kept = [c for c in results if c.presence >= least]
@@ -413,7 +470,7 @@ def _summary(
     standing: Sequence[Sequence[SceneObject]],
     labels: Sequence[Sequence[Mapping[str, float]]],
     members: Ints,
-    shape: tuple[int, ...],
+    log_posterior: Array,
 ) -> ObjectCluster:
     objects = [draws[n][k] for n, k in members.tolist()]
     counts: Counter[str] = Counter()
@@ -425,12 +482,12 @@ def _summary(
     yaw, spread = circular_mean_and_spread(
         np.array([o.placement.yaw for o in objects]), front=ranked[0][0] not in FRONTLESS
     )
-    there = np.zeros(shape)
+    there = np.zeros(log_posterior.shape)
     there.flat[members[:, 0]] = 1
     with warnings.catch_warnings():
         # The verdict reports a short run.
         warnings.simplefilter("ignore", ShortChainWarning)
-        error = float(mean_error(there))
+        error = unanimous_error(log_posterior) if there.all() else float(mean_error(there))
     off = [float(np.linalg.norm(o.centre[:2] - positions.mean(0))) for o in objects]
     typical = min(range(len(off)), key=lambda i: (objects[i].label != ranked[0][0], off[i]))
     return ObjectCluster(

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.patches import Ellipse
 
 from imapper_prob.models.drawing import INK, name_axes_of_floor, rgb, show_legend, write_name
+from imapper_prob.models.text import as_probability, with_error
 from imapper_prob.plotting import category_colour
 from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
 
@@ -47,7 +48,7 @@ def draw_occupancy(axes: Axes, occupancy: Occupancy) -> None:
         occupancy.categories, map(category_colour, occupancy.categories),
         occupancy.by_category.max((1, 2), initial=0), strict=True,
     ):  # fmt: skip
-        label = f"{category}, at most p = {share:.2f}"
+        label = f"{category}, highest p: {as_probability(share)}"
         axes.scatter([], [], marker="s", color=rgb(colour), label=label)
     name_axes_of_floor(axes)
     show_legend(axes, below=True)
@@ -74,8 +75,12 @@ def draw_clusters(axes: Axes, clusters: Sequence[ObjectCluster]) -> None:
 def _draw_regions(axes: Axes, cluster: ObjectCluster, name: str) -> None:
     colour = rgb(category_colour(cluster.label))
     faint = float(np.clip(cluster.presence, 0.2, 1.0))
-    told = f"{name}, p = {cluster.presence:.2f}"
-    shares = [f"{label} {share:.2f}" for label, share in cluster.labels.items() if share >= _TOLD]
+    told = f"{name}, p = {with_error(cluster.presence, cluster.presence_error)}"
+    shares = [
+        f"{label} {as_probability(share)}"
+        for label, share in cluster.labels.items()
+        if share >= _TOLD
+    ]
     if len(shares) > 1:
         told = f"{told}\n({', '.join(shares[:2])})"
     x, y = cluster.positions.T

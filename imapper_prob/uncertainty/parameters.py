@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.path_prior import CAMERA
 from imapper_prob.models.text import brief
 
-__all__ = ["CAMERA_UNITS", "Nuisance", "nuisances"]
+__all__ = ["CAMERA_UNITS", "Nuisance", "cells_of_parameter", "nuisances"]
 
 Array = NDArray[np.float64]
 
@@ -23,6 +24,14 @@ CAMERA_UNITS: Mapping[str, str] = {
     "roll": "rad",
 }
 """Unit of every parameter of the camera and the body."""
+_SHOWN: Mapping[str, tuple[str, str, float]] = {
+    "pitch": ("camera pitch", "°", 180 / np.pi),
+    "roll": ("camera roll", "°", 180 / np.pi),
+    "elevation": ("camera height", "m", 1.0),
+    "log_focal_scale": ("log focal length", "%", 100.0),
+    "log_body_scale": ("log stature", "%", 100.0),
+}
+"""Name and unit of each parameter in tables, and the factor to that unit from the model's unit."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +74,10 @@ class Nuisance:
 
     @property
     def contraction(self) -> float:
-        """1 - posterior variance / prior variance: 0 if nothing was learned, 1 if everything was.
+        """1 - posterior variance / prior variance: by how much the variance is less.
 
-        Negative if the posterior is wider than the prior.
+        0 if the rest of the clip tells no more than the feet, 1 if it tells everything; negative if
+        the posterior is wider than the prior.
         """
         return 1.0 - (self.standard_deviation / self.prior_standard_deviation) ** 2
 
@@ -85,6 +95,49 @@ class Nuisance:
         """
         low, high = np.quantile(self.draws, ((1 - share) / 2, (1 + share) / 2))
         return float(low), float(high)
+
+
+class ParameterCells(NamedTuple):
+    """What tables say of a parameter.
+
+    Parameters
+    ----------
+    name : str
+    feet, everything : str
+        Mean and standard deviation of prior and posterior, with their unit.
+    contraction : str
+        See :attr:`Nuisance.contraction`, per cent.
+    """
+
+    name: str
+    feet: str
+    everything: str
+    contraction: str
+
+
+def cells_of_parameter(one: Nuisance) -> ParameterCells:
+    """Put a parameter into words for tables.
+
+    Parameters
+    ----------
+    one : Nuisance
+
+    Returns
+    -------
+    ParameterCells
+    """
+    title, unit, scale = _SHOWN[one.name]
+    digits = 2 if unit == "m" else 1
+
+    def told(mean: float, spread: float) -> str:
+        return f"{scale * mean:.{digits}f} ± {scale * spread:.{digits}f} {unit}"
+
+    return ParameterCells(
+        name=title,
+        feet=told(one.prior_mean, one.prior_standard_deviation),
+        everything=told(one.mean, one.standard_deviation),
+        contraction=f"{100 * one.contraction:.0f} %",
+    )
 
 
 def nuisances(draws: Array, *, mean: Array, covariance: Array) -> dict[str, Nuisance]:

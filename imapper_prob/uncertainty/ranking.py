@@ -15,6 +15,7 @@ from imapper_prob.samplers.diagnostics import (
     LayoutProbabilities,
     ShortChainWarning,
     layout_probabilities,
+    unanimous_error,
 )
 from imapper_prob.uncertainty.draws import Draws
 from imapper_prob.uncertainty.scenes import (
@@ -85,7 +86,7 @@ class Ranking:
         """
         found = self.draws.samples.probabilities
         return self._weighted(
-            found.layouts[[rank]] - 1, found.probability[rank], found.standard_error[rank]
+            found.layouts[[rank]] - 1, found.probability[rank], self._errors(found)[rank]
         )
 
     @cached_property
@@ -97,10 +98,19 @@ class Ranking:
         with warnings.catch_warnings():
             # The verdict reports chains that are too short.
             warnings.simplefilter("ignore", ShortChainWarning)
-            return layout_probabilities(
+            found = layout_probabilities(
                 scene_of_draw.reshape(samples.shape),
                 rng=np.random.default_rng(self.draws.config.seed),
             )
+        return found._replace(standard_error=self._errors(found))
+
+    def _errors(self, found: LayoutProbabilities) -> NDArray[np.float64]:
+        """Standard errors of probabilities; that of draws that agree if all have one scene."""
+        if len(found.probability) > 1:
+            return found.standard_error
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ShortChainWarning)
+            return np.array([unanimous_error(self.draws.samples.log_posterior)])
 
     def rank_of(self, layout: int) -> int:
         """The rank of the scene that a layout belongs to.

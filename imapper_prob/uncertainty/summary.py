@@ -15,7 +15,7 @@ from xarray import Dataset
 
 from imapper_prob.layouts import group_of
 from imapper_prob.models.scene import Clip, SceneObject, Truth
-from imapper_prob.models.text import counted, in_markdown, with_error
+from imapper_prob.models.text import as_probability, counted, in_markdown, with_error
 from imapper_prob.sampling.ensembles import describe_walked
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import Check
@@ -100,25 +100,27 @@ def object_table(rows: Sequence[Mapping[str, Any]], truth: Truth | None = None) 
         "name: the probability that it is right, if the object is there."
     )
     table = Table(title="Objects", title_justify="left", caption=caption, caption_justify="left")
-    for name in ("", "there", "right x\n[m]", "away y\n[m]", "facing\n[°]"):
-        table.add_column(Text(name), justify="left" if not name else "right")
+    table.add_column()
+    for name in ("there", "right x\n[m]", "away y\n[m]", "facing\n[°]"):
+        table.add_column(Text(name), justify="right", no_wrap=True)
     errors = None
     if truth is not None:
-        table.add_column(Text("from\ntruth [m]"), justify="right")
+        table.add_column(Text("to truth\n[m]"), justify="right", no_wrap=True)
         places = np.array([[row["x"], row["y"]] for row in rows]).reshape(-1, 2)
         errors = _distances([str(row["label"]) for row in rows], places, truth.objects)
     for k, row in enumerate(rows):
         name, sure = str(row["label"]), float(row["label_probability"])
-        turned = f"{np.degrees(row['yaw']) % 360:.0f} ± {np.degrees(row['yaw_sd']):.0f}"
+        yaw = round(np.degrees(row["yaw"])) % 360
+        turned = f"{yaw} ± {np.degrees(row['yaw_sd']):.0f}"
         cells = [
-            name if round(sure, 2) == 1 else f"{name} {sure:.2f}",
+            name if sure == 1 else f"{name} {as_probability(sure)}",
             with_error(row["presence"], row["presence_error"]),
             f"{row['x']:.2f} ± {row['x_sd']:.2f}",
             f"{row['y']:.2f} ± {row['y_sd']:.2f}",
             turned,
         ]
         if errors is not None:
-            cells.append("not there" if np.isnan(errors[k]) else f"{errors[k]:.2f}")
+            cells.append("absent" if np.isnan(errors[k]) else f"{errors[k]:.2f}")
         table.add_row(*cells)
     return table
 

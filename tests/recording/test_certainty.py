@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.text import as_probability, in_markdown
 from imapper_prob.plotting import category_colour
 from imapper_prob.recording.blueprint import certainty_text, moves_text
 from imapper_prob.recording.log import write_recording
 from imapper_prob.recording.palette import FLOOR, UNCLAIMED
 from imapper_prob.recording.posterior import HIDDEN, Certainty, hidden_colours
+from imapper_prob.uncertainty.clusters import cells_of_object, names_of
+from imapper_prob.uncertainty.parameters import cells_of_parameter
 from imapper_prob.uncertainty.scenes import WeightedScene
 from tests.recording.reading import Columns, read
 from tests.recording.room import make_certainty, make_chains, make_room
@@ -80,7 +83,7 @@ def test_every_object_has_its_two_regions(columns: Columns, certainty: Certainty
     np.testing.assert_allclose(np.sin(off), 0.0, atol=1e-5)
     labels = columns["/world/all_draws/names", "Points3D:labels"][None]
     likely = [c for c in certainty.clusters if c.presence >= 0.2]
-    assert labels == [f"{c.label} {c.presence:.2f}" for c in likely]
+    assert labels == [f"{c.label} {as_probability(c.presence)}" for c in likely]
 
 
 def test_hidden_joints_are_marked_in_the_colour_of_what_hides_them(
@@ -132,8 +135,11 @@ def test_curves_say_how_much_is_hidden_and_how_far_off_it_may_be(
 def test_the_texts_have_a_row_for_everything(columns: Columns, certainty: Certainty) -> None:
     (text,) = columns["/certainty", "TextDocument:text"][None]
     assert text == certainty_text(certainty)
-    for c in certainty.clusters:
-        assert f"| {c.label} | {c.presence:.2f} ±" in text
+    for name, c in zip(names_of(certainty.clusters), certainty.clusters, strict=True):
+        assert f"| {name} | {' | '.join(map(in_markdown, cells_of_object(c)))} |" in text
+    for one in certainty.nuisances.values():
+        assert f"| {' | '.join(cells_of_parameter(one))} |" in text
+    assert "learned" not in text.lower()
     for title in ("camera pitch", "camera height", "log focal length", "log stature"):
         assert f"| {title} |" in text
     (moves,) = columns["/moves", "TextDocument:text"][None]

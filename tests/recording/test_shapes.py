@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from imapper_prob.recording.palette import category_ids, confidence_colours
-from imapper_prob.recording.shapes import limbs, paths, position_ellipses
-from tests.recording.room import STANDING, furniture
+from imapper_prob.recording.shapes import limbs, own_entity, paths, position_ellipses
+from tests.recording.room import STANDING, furniture, make_room
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, 2.5])
@@ -76,3 +78,13 @@ def test_confidence_goes_from_red_over_amber_to_green() -> None:
 def test_category_numbers_do_not_depend_on_order() -> None:
     assert category_ids(["table", "chair", "table"]) == category_ids(["chair", "table"])
     assert len(set(category_ids(["a", "b", "c"]).values())) == 3
+
+
+def test_people_whose_names_cannot_be_drawn_have_entities_of_their_own() -> None:
+    """The viewer ends at a character that its font lacks, and shows paths of entities."""
+    clip, _, _ = make_room(4)
+    (track,) = clip.tracks
+    two = replace(clip, tracks=tuple(replace(track, name=name) for name in ("部", "屋")))
+    entities = [own_entity(two, "truth", person).replace("\\", "") for person in (0, 1)]
+    assert entities == ["truth/1 ?", "truth/2 ?"]
+    assert own_entity(clip, "truth", 0) == "truth"

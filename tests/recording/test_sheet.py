@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rerun as rr
 from rerun.chunk import RrdReader
 
 from imapper_prob.models.errors import InputError
@@ -46,15 +47,17 @@ def entities(columns: Columns) -> list[str]:
     return sorted({e for e, name in columns if name == "Transform3D:translation"})
 
 
-def labels(columns: Columns, name: str, action: str = "glide") -> list[str]:
-    (words,) = columns[f"/sheet/{action}/{name}", "Points3D:labels"].values()
+def labels(columns: Columns, name: str, action: str = "1 glide") -> list[str]:
+    entity = rr.escape_entity_path_part(action)
+    (words,) = columns[f"/sheet/{entity}/{name}", "Points3D:labels"].values()
     return list(words)
 
 
 def ground(columns: Columns, action: str) -> tuple[np.ndarray, np.ndarray]:
     """Centres (n, 2) and half sides (2,) of the tiles of an action."""
-    (centres,) = columns[f"/sheet/{action}/tiles", "Boxes3D:centers"].values()
-    (halves,) = columns[f"/sheet/{action}/tiles", "Boxes3D:half_sizes"].values()
+    entity = rr.escape_entity_path_part(action)
+    (centres,) = columns[f"/sheet/{entity}/tiles", "Boxes3D:centers"].values()
+    (halves,) = columns[f"/sheet/{entity}/tiles", "Boxes3D:half_sizes"].values()
     return np.array(centres)[:, :2], np.array(halves)[0, :2]
 
 
@@ -78,7 +81,7 @@ def test_every_kind_has_its_row_from_least_to_most_characteristic(columns: Colum
 
 
 def test_scenelets_do_not_share_a_tile(columns: Columns) -> None:
-    centres, halves = ground(columns, "glide")
+    centres, halves = ground(columns, "1 glide")
     gap = np.abs(centres[:, None] - centres)
     clear = (gap > 2 * halves).any(-1)
     assert clear[~np.eye(len(centres), dtype=bool)].all()
@@ -92,7 +95,7 @@ def test_tiles_grow_with_the_furniture(tmp_path: Path) -> None:
         tuple(Scenelet(f"a-{i}", "a", standing(), (box("table", y=4.0),)) for i in range(4)),
     )
     write_sheet(tmp_path / "halls.rrd", halls, np.zeros(4))
-    _, halves = ground(read(tmp_path / "halls.rrd"), "a")
+    _, halves = ground(read(tmp_path / "halls.rrd"), "1 a")
     assert (halves > 0.95 * 4.25).all()
 
 
@@ -106,14 +109,14 @@ def test_each_action_has_its_own_tiles(tmp_path: Path) -> None:
     )
     write_sheet(tmp_path / "both.rrd", both, np.zeros(5))
     columns = read(tmp_path / "both.rrd")
-    assert [len(ground(columns, action)[0]) for action in ("sit", "walk")] == [2, 3]
-    assert labels(columns, "kinds", "sit") == ["room sit"]
-    assert labels(columns, "kinds", "walk") == ["room walk"]
+    assert [len(ground(columns, action)[0]) for action in ("1 sit", "2 walk")] == [2, 3]
+    assert labels(columns, "kinds", "1 sit") == ["room sit"]
+    assert labels(columns, "kinds", "2 walk") == ["room walk"]
 
 
 def test_motion_and_furniture_are_those_of_the_scenelet(columns: Columns) -> None:
     of_name = {s.name: s for s in library()}
-    shown = [e.split("/")[-1].replace("\\", "") for e in entities(columns)]
+    shown = [e.split("/")[-1].replace("\\", "").split(" ")[1] for e in entities(columns)]
     assert len(shown) == 35
     for entity, name in zip(entities(columns), shown, strict=True):
         scenelet = of_name[name]
@@ -126,6 +129,36 @@ def test_motion_and_furniture_are_those_of_the_scenelet(columns: Columns) -> Non
         assert np.array_equal(centres, pack_boxes(scenelet.objects)[:, :3].astype(np.float32))
         (poses,) = columns[f"{entity}/poses", "LineStrips3D:strips"].values()
         assert len(poses) == 5 * 3
+
+
+def test_names_that_the_viewer_cannot_draw_are_told_apart(tmp_path: Path) -> None:
+    """The viewer ends at a character that its font lacks, and shows paths of entities."""
+    named = [("座-1", "座る"), ("椅-1", "座る"), ("a-1", "歩く")]
+    few = Library("few", tuple(Scenelet(n, a, standing(), ()) for n, a in named))
+    write_sheet(tmp_path / "few.rrd", few, np.zeros(3))
+    columns = read(tmp_path / "few.rrd")
+    assert [e.replace("\\", "") for e in entities(columns)] == [
+        "/sheet/1 ??/1 ?-1", "/sheet/1 ??/2 ?-1", "/sheet/2 ??/1 a-1",
+    ]  # fmt: skip
+
+
+def test_motions_of_all_frame_rates_play_at_one_rate(tmp_path: Path) -> None:
+    slow, quick = standing(11), standing(31)
+    slow[..., 1] += np.linspace(0, 1, 11)[:, None]
+    quick[..., 1] += np.linspace(0, 1, 31)[:, None]
+    both = Library(
+        "both",
+        (
+            Scenelet("slow-1", "walk", slow, (), fps=10.0),
+            Scenelet("quick-1", "walk", quick, (), fps=30.0),
+        ),
+    )
+    write_sheet(tmp_path / "both.rrd", both, np.zeros(2))
+    columns = read(tmp_path / "both.rrd")
+    one, other = (columns[f"{e}/person", "Points3D:positions"] for e in entities(columns))
+    assert list(one) == list(range(31))
+    for t in one:
+        np.testing.assert_allclose(one[t], other[t], atol=1e-6)
 
 
 def test_the_same_library_makes_the_same_sheet(
@@ -145,7 +178,7 @@ def test_the_same_library_makes_the_same_sheet(
 def test_many_kinds_are_laid_out_wide(tmp_path: Path) -> None:
     many = library(n_kinds=30, each=3)
     write_sheet(tmp_path / "many.rrd", many, np.zeros(len(many)))
-    centres, _ = ground(read(tmp_path / "many.rrd"), "glide")
+    centres, _ = ground(read(tmp_path / "many.rrd"), "1 glide")
     assert len(centres) == 90
     width, depth = np.ptp(centres, axis=0)
     assert 1.0 < width / depth < 3.5

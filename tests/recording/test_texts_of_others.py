@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from imapper_prob.evaluate.tables import markdown_table
-from imapper_prob.models.text import in_markdown, with_error
+from imapper_prob.models.text import as_probability, in_markdown, with_error
 from imapper_prob.recording.blueprint import caption, certainty_text
 from imapper_prob.uncertainty.summary import describe
 from tests.runs import posterior
@@ -19,10 +19,29 @@ SHOWN = "a\\|b\\*c\\* \\<b>\\`d\\` \\[e](f)\ufffd"
 
 
 @pytest.mark.parametrize(
-    ("error", "shown"), [(0.034, "0.25 ± 0.03"), (0.0, "0.25 ± 0.00"), (math.nan, "0.25 ± unknown")]
+    ("value", "error", "shown"),
+    [
+        (0.25, 0.034, "0.25 ± 0.03"),
+        (0.9981, 0.0009, "0.998 ± 0.001"),
+        (0.0406, 0.0048, "0.041 ± 0.005"),
+        (0.871, 0.0051, "0.87 ± 0.01"),
+        (1.0, 0.0006, "1.000 ± 0.001"),
+        (1.0, 0.00031, "1.0000 ± 0.0003"),
+        (0.25, 1e-15, "0.25"),
+        (0.25, 0.0, "0.25"),
+        (0.25, math.nan, "0.25 ± unknown"),
+    ],
 )
-def test_an_error_that_nobody_can_give_is_no_number(error: float, shown: str) -> None:
-    assert with_error(0.25, error) == shown
+def test_an_error_is_never_shown_as_zero(value: float, error: float, shown: str) -> None:
+    assert with_error(value, error) == shown
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [(0.25, "0.25"), (0.994, "0.99"), (0.9981, "> 0.99"), (1.0, "> 0.99"), (0.004, "< 0.01")],
+)
+def test_a_probability_without_an_error_never_looks_certain(value: float, shown: str) -> None:
+    assert as_probability(value) == shown
 
 
 def test_names_of_others_are_no_markdown() -> None:

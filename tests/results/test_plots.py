@@ -127,7 +127,7 @@ def test_the_map_is_white_where_nothing_stands() -> None:
     axes = found.plot(Figure().subplots())
     (picture,) = axes.images
     colours = np.asarray(picture.get_array())
-    assert entries(axes) == ["chair, at most p = 0.25", "table, at most p = 0.25"]
+    assert entries(axes) == ["chair, highest p: 0.25", "table, highest p: 0.25"]
     np.testing.assert_allclose(colours[found.anything == 0], 1.0)
     assert (colours[found.anything > 0].min(-1) < 1.0).all()
 

@@ -18,6 +18,7 @@ from rich.console import Console
 import imapper_prob as im
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import side_flips
+from imapper_prob.models.text import as_probability, with_error
 from imapper_prob.recording import video
 from imapper_prob.results.load import load_posterior
 from imapper_prob.results.posterior import Posterior
@@ -133,13 +134,29 @@ def test_tables_say_what_the_scenes_say() -> None:
     assert f"{run.scenes()[0].probability:.2f} ±" in text
     for row in rows:
         assert f"{row['x']:.2f} ± {row['x_sd']:.2f}" in text
-        assert f"{row['presence']:.2f} ±" in text
-        doubtful = row["label_probability"] < 0.995
-        assert (f"{row['label']} {row['label_probability']:.2f} " in text) == doubtful
+        assert with_error(row["presence"], row["presence_error"]) in text
+        doubtful = row["label_probability"] < 1
+        shown = f"{row['label']} {as_probability(row['label_probability'])} "
+        assert (shown in text) == doubtful
     assert any(row["label_probability"] < 0.995 for row in rows)
+    assert "± 0.00 │" not in text
     assert " seat" in text
     assert text.count("[m]") == 3
-    assert "truth [m]" in text
+    assert "to truth" in text
+
+
+def test_the_table_of_objects_is_narrow_with_many_digits() -> None:
+    row = {
+        "label": "armchair", "label_probability": 0.998, "presence": 0.9981,
+        "presence_error": 0.0009, "x": -1.71, "x_sd": 0.23, "y": 5.13, "y_sd": 0.4,
+        "yaw": -0.001, "yaw_sd": 0.1,
+    }  # fmt: skip
+    console = Console(width=80, record=True, file=StringIO())
+    console.print(object_table([row], posterior().clip.truth))
+    text = console.export_text()
+    assert max(map(len, text.splitlines())) <= 80
+    for shown in ("0.998 ± 0.001", "-1.71 ± 0.23", "5.13 ± 0.40", "0 ± 6", "armchair"):
+        assert shown in text
 
 
 def test_what_is_not_there_is_said() -> None:
@@ -296,7 +313,8 @@ def test_all_that_is_public_is_short() -> None:
 def test_texts_say_what_there_is_and_where() -> None:
     run = posterior()
     best, cluster, o = run[0], run.clusters()[0], run[0].objects[0]
-    assert f"p = {best.probability:.2f} ± {best.error:.2f}: {best.names[0]}" in repr(best)
-    assert f"{cluster.label!r}, p = {cluster.presence:.2f}" in repr(cluster)
+    assert f"p = {with_error(best.probability, best.error)}: {best.names[0]}" in repr(best)
+    there = with_error(cluster.presence, cluster.presence_error)
+    assert f"{cluster.label!r}, p = {there}" in repr(cluster)
     assert f"{o.label!r} at ({o.placement.x:.2f}, {o.placement.y:.2f}) m" in repr(o)
     assert repr(run.furniture).startswith("80 draws of ")

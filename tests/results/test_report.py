@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from dataclasses import replace
+from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,11 @@ from imapper_prob.api import demo_clip
 from imapper_prob.cli import main
 from imapper_prob.evaluate.suite import first_part
 from imapper_prob.models.scene import MEASURED_FOCAL, Clip
+from imapper_prob.models.text import as_probability, with_error
 from imapper_prob.results.report import report
 from imapper_prob.results.report_moments import moments_of
 from imapper_prob.results.report_parts import table
+from imapper_prob.results.report_plots import chains_plot, hiding_plot
 from imapper_prob.results.report_text import (
     answer,
     listed,
@@ -30,7 +33,10 @@ from imapper_prob.results.report_text import (
     warnings_of,
 )
 from imapper_prob.samplers.verdict import Verdict
+from imapper_prob.sampling.schedule import burn_in_of, draws_of, trace_of
 from imapper_prob.uncertainty.checks import Check
+from imapper_prob.uncertainty.clusters import cells_of_object
+from imapper_prob.uncertainty.parameters import cells_of_parameter
 from tests.runs import posterior
 
 VOID = {"meta", "input"}
@@ -105,9 +111,10 @@ def test_plots_show_every_scene_and_object(text: str) -> None:
         assert sum(bool(title) for title in titles) == 2
     told = json.dumps(data["map-data"], ensure_ascii=False)
     for cluster in run.certainty.clusters:
-        assert f"there with {cluster.presence:.2f} ± {cluster.presence_error:.2f}" in told
+        said = with_error(cluster.presence, cluster.presence_error)
+        assert f"there with {said}" in told
         for label, share in cluster.labels.items():
-            assert f"{label} {share:.2f}" in told
+            assert share == 1 or escape(f"{label} {as_probability(share)}") in told
 
 
 def test_the_slider_moves_what_the_scenes_have(text: str) -> None:
@@ -152,11 +159,16 @@ def test_the_page_says_what_the_posterior_says(text: str) -> None:
     assert answer(run.scenes()) in said
     assert run.samples.verdict.text in said
     for weighted in run.scenes():
-        assert f"{weighted.probability:.2f} ± {weighted.error:.2f}" in said
+        assert with_error(weighted.probability, weighted.error) in said
         assert weighted.difference in said
     for cluster in run.certainty.clusters:
-        assert f"{cluster.mean[0]:.2f} ±" in said
-        assert f"{cluster.presence:.2f} ±" in said
+        for cell in cells_of_object(cluster):
+            assert cell in said
+    for one in run.certainty.nuisances.values():
+        for cell in cells_of_parameter(one):
+            assert cell in said
+    assert "from the feet alone" in said
+    assert "before the clip" not in said
     for name, rate in run.samples.acceptance.rates().items():
         assert name in said
         assert f"{100 * rate:.1f} %" in said
@@ -183,6 +195,66 @@ def test_names_cannot_break_the_page() -> None:
     assert page.data["moments"]["frames"]
     assert text.count("<script") == Page(report(run)).text.count("<script")
     assert "&lt;b&gt;" in table(["<b>"], [["a & b"]])
+
+
+def test_quotes_in_names_are_shown_in_plots_as_they_are() -> None:
+    """Plotly decodes few entities: not those of quotes."""
+    run = posterior()
+    (person,) = run.clip.tracks
+    names = 'A "B"', "C's <b>"
+    clip = replace(run.clip, tracks=tuple(replace(person, name=name) for name in names))
+    hidden = run.certainty.hidden
+    twice = replace(
+        hidden, probability=np.tile(hidden.probability, (2, 1)),
+        by_object=np.tile(hidden.by_object, (1, 2, 1)),
+    )  # fmt: skip
+    plot = hiding_plot(clip, twice, moments_of(clip))
+    rows = set(plot.data[0].y)
+    assert 'A "B": head' in rows
+    assert "C's &lt;b&gt;: head" in rows
+
+
+def grey(figure: dict[str, Any]) -> float:
+    """Share of the width that is grey."""
+    (shape,) = figure["layout"]["shapes"]
+    assert shape["x0"] == 0
+    return float(shape["x1"])
+
+
+def test_the_trace_is_grey_up_to_the_first_draw() -> None:
+    run = posterior()
+    samples, settings = run.samples, run.config.sample
+    marks = trace_of(settings)
+    rounds = [marks.at(k) for k in range(samples.traces.shape[1])]
+    burn_in = burn_in_of(settings)
+    unused = samples.unused(settings)
+    assert unused == sum(r < burn_in for r in rounds)
+
+    # The trace of an interrupted run ends early, and its burn-in is as long as planned.
+    left = 10
+    draws = draws_of(settings)
+    kept = draws.at(left) - burn_in
+    ladders = tuple(ladder._replace(rounds=kept) for ladder in samples.ladders)
+    traced = sum(r < burn_in + kept for r in rounds)
+    stopped = replace(
+        samples, ladders=ladders, traces=samples.traces[:, :traced], finished=False,
+        log_posterior=samples.log_posterior[:, :left],
+        states=tuple(samples.states[c * samples.shape[1] + n] for c in (0, 1) for n in range(left)),
+    )  # fmt: skip
+    assert stopped.unused(settings) == unused < traced
+    plot = chains_plot(stopped.traces, unused=unused).to_dict()
+    assert grey(plot) == pytest.approx(unused / (traced - 1))
+    early = replace(
+        stopped, ladders=tuple(ladder._replace(rounds=0) for ladder in ladders),
+        traces=samples.traces[:, :5], log_posterior=samples.log_posterior[:, :1],
+    )  # fmt: skip
+    assert early.unused(settings) == 5
+    assert grey(chains_plot(early.traces, unused=5).to_dict()) == 1
+
+    # Draws from before equilibrium are left out of the draws, and not of the trace.
+    dropped = 8
+    later = replace(samples, log_posterior=samples.log_posterior[:, dropped:])
+    assert later.unused(settings) == sum(r < draws.at(dropped) for r in rounds) > unused
 
 
 def test_rooms_in_words() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 from imapper_prob.models.skeleton import HEAD as HEAD_JOINT
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.text import as_probability, with_error
 from tests.browser import Browser, browser
 from tests.runs import posterior
 
@@ -156,6 +158,24 @@ def test_play_goes_on_and_stops(page: Path, chromium: Browser) -> None:
     assert chromium.value("document.getElementById('time').value") == stopped
 
 
+def test_play_keeps_up_with_quick_films(tmp_path: Path, chromium: Browser) -> None:
+    run = posterior()
+    quick = replace(run, solution=replace(run.solution, clip=replace(run.clip, fps=120.0)))
+    quick.report(tmp_path / "quick.html")
+    show(chromium, tmp_path / "quick.html", width=1280)
+    chromium.settle()
+    seconds = chromium.value(
+        "new Promise((done) => { const play = document.getElementById('play'); play.click();"
+        "const begun = performance.now();"
+        "const look = () => play.textContent === 'Play' ? done((performance.now() - begun) / 1000)"
+        " : setTimeout(look, 20); look(); })"
+    )
+    film = (run.clip.n_frames - 1) / 120
+    # The last picture may come late; one after the other, 25 a second, they take 5 s.
+    assert film <= seconds < film + 2.5
+    assert int(chromium.value("document.getElementById('time').max")) == run.clip.n_frames - 1
+
+
 def test_a_browser_that_cannot_unpack_says_so(page: Path, chromium: Browser) -> None:
     without = "delete window.DecompressionStream"
     made = chromium.call("Page.addScriptToEvaluateOnNewDocument", source=without)
@@ -173,7 +193,7 @@ def test_objects_and_cells_say_what_they_are(page: Path, chromium: Browser) -> N
     cluster = posterior().certainty.clusters[0]
     chromium.hover(*chromium.value(PLACE.format("map", *cluster.mean.tolist())))
     said = chromium.value(HOVERED.format("map"))
-    assert f"there with {cluster.presence:.2f}" in said
+    assert f"there with {with_error(cluster.presence, cluster.presence_error)}" in said
     occupancy = posterior().certainty.occupancy
     near = cluster.mean + 0.3
     x = float(occupancy.x[np.abs(occupancy.x - near[0]).argmin()])
@@ -181,7 +201,7 @@ def test_objects_and_cells_say_what_they_are(page: Path, chromium: Browser) -> N
     chromium.hover(*chromium.value(PLACE.format("map", x, y)))
     assert "something" in chromium.value(HOVERED.format("map"))
     label, share = next(iter(occupancy.at(x, y).items()))
-    assert f"{label} {share:.2f}" in chromium.value(HOVERED.format("map"))
+    assert f"{label} {as_probability(share)}" in chromium.value(HOVERED.format("map"))
     o = posterior().scenes(1)[0].objects[0]
     way = posterior().scenes(1)[0].scene.joints[:, PELV, :2]
     corners = 0.8 * o.footprint + 0.2 * o.centre[:2]

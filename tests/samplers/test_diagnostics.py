@@ -15,6 +15,7 @@ from imapper_prob.samplers.diagnostics import (
     layout_probabilities,
     rhat,
     stationary_distribution,
+    unanimous_error,
 )
 from tests.samplers.markov import autoregressive, two_states, two_states_error
 
@@ -189,3 +190,15 @@ def test_the_error_of_layouts_holds_where_fast_changes_hide_slow_ones(rng):
         z.append(float(off[0] / found.standard_error[0]))
     # Standard errors are themselves known to a third here; 1.75 with transitions alone.
     assert np.sqrt(np.mean(np.square(z))) < 1.3
+
+
+def test_draws_that_agree_may_all_be_wrong(rng):
+    """Of runs that agree, one minus the probability is spread as Laplace's rule says."""
+    n = 60
+    probability = rng.uniform(size=200_000)
+    wrong = 1 - probability[rng.binomial(n, probability) == n]
+    stated = unanimous_error(rng.standard_normal((4, n // 4)))
+    assert wrong.std() == pytest.approx(1 / (n + 2), rel=0.1)
+    assert 0.4 / (n + 2) < stated < 2.5 / (n + 2)
+    slow = autoregressive(rng, (4, 2_000), correlation=0.98)
+    assert unanimous_error(slow) == 1 / (float(ess(slow)) + 2) > 20 / slow.size

@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities
+from imapper_prob.samplers.diagnostics import ShortChainWarning, ess, layout_probabilities
 from imapper_prob.samplers.ladder import LadderSummary
 from imapper_prob.samplers.verdict import judge, measure, worse
 from tests.samplers.markov import autoregressive, two_states, two_states_error
@@ -48,6 +48,15 @@ def test_what_a_verdict_goes_by(rng):
     nothing = measure(layout_probabilities(np.ones((4, 9), int), rng=rng), {})
     assert nothing.effective_draws == nothing.effective_layouts == np.inf
     assert nothing.rhat == 1.0
+
+
+def test_a_run_of_one_layout_is_not_known_for_sure(rng):
+    slow = autoregressive(rng, (4, 300), correlation=0.9)
+    found = layout_probabilities(np.ones((4, 300), int), rng=rng)
+    measures = measure(found, {"log posterior": slow})
+    assert measures.error == 1 / (float(ess(slow)) + 2)
+    assert "may be off by 0.00" not in judge(found, {"log posterior": slow}).text
+    assert (found.effective_draws == np.inf).all()
 
 
 def test_a_run_without_functionals_is_judged_by_its_layouts(rng):

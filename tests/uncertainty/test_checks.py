@@ -149,7 +149,17 @@ def test_a_camera_that_is_not_where_it_was_said_to_be_alarms(moved: dict[str, fl
     check = camera(CLIP.camera, cameras(**moved))
     assert check.alarmed
     assert f"{CLIP.camera.elevation:.2f} m" in check.sentence
-    assert not camera(CLIP.camera, cameras(pitch=5.0, elevation=1.2)).alarmed
+    near = camera(CLIP.camera, cameras(pitch=5.0, elevation=1.2))
+    assert not near.alarmed
+    assert f"{CLIP.camera.elevation:.2f} m" in near.sentence
+    assert "near enough" in near.sentence
+
+
+def test_no_angle_of_the_camera_is_less_than_nothing() -> None:
+    level = replace(CLIP.camera, pitch=-0.001, roll=-0.002)
+    check = camera(level, np.tile([-0.003, level.elevation, 0.0, 0.0, -0.001], (9, 1)))
+    assert "-0°" not in check.sentence
+    assert "a pitch of 0° and a roll of 0°" in check.sentence
 
 
 def predicted(seed: int, *, moved: float = 0.0, nats: float = 0.0) -> Check:

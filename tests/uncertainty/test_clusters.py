@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from imapper_prob.uncertainty.clusters import circular_mean_and_spread, object_clusters
+from imapper_prob.samplers.diagnostics import ess
+from imapper_prob.uncertainty.clusters import (
+    cells_of_object,
+    circular_mean_and_spread,
+    object_clusters,
+)
 from tests.uncertainty.pieces import piece
 
 
@@ -202,3 +210,30 @@ def test_the_error_of_presence_is_that_of_its_share(rng: np.random.Generator) ->
     assert cluster.presence == there.mean()
     # Draws are independent here; the effective number of draws is itself an estimate.
     assert cluster.presence_error == pytest.approx(np.sqrt(0.24 / 2000), rel=0.15)
+
+
+def test_a_presence_on_which_all_draws_agree_has_an_error(rng: np.random.Generator) -> None:
+    draws = [[piece("chair", 0, 4)]] * 120
+    values = rng.standard_normal((2, 60))
+    (cluster,) = object_clusters(draws, values, radius=0.8)
+    assert cluster.presence == 1
+    assert cluster.presence_error == 1 / (float(ess(values)) + 2) > 0.001
+    assert cells_of_object(cluster).there != "1.00 ± 0.00"
+
+
+def test_the_cells_of_an_object_are_in_metres_and_whole_turns() -> None:
+    clusters = object_clusters([[piece("chair", 0, 4)]] * 8, log_posterior(8), radius=0.8)
+    cluster = replace(
+        clusters[0], labels={"chair": 0.998, "stool": 0.002}, presence=0.9981,
+        presence_error=0.0009, positions=np.array([[0.9, 4.0], [1.1, 4.2]]),
+        yaw=math.radians(-90.2), yaw_spread=math.radians(7),
+    )  # fmt: skip
+    assert cells_of_object(cluster) == (
+        "chair > 0.99, stool < 0.01", "0.998 ± 0.001", "1.00 ± 0.14", "4.10 ± 0.14", "270° ± 7°",
+    )  # fmt: skip
+    certain = replace(
+        cluster, labels={"chair": 1.0}, yaw=math.radians(-0.2), yaw_spread=math.radians(200)
+    )
+    assert cells_of_object(certain).labels == "chair"
+    assert cells_of_object(certain).facing == "any"
+    assert cells_of_object(replace(cluster, yaw=math.radians(-0.2))).facing == "0° ± 7°"

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from imapper_prob.layouts import object_distance, pair_objects
+from imapper_prob.layouts import Layouts, object_distance, pair_objects
 from imapper_prob.models.scene import Cuboid, Placement, SceneObject
-from imapper_prob.samplers.diagnostics import layout_probabilities
+from imapper_prob.samplers.diagnostics import ess, layout_probabilities
 from imapper_prob.uncertainty.scenes import (
     Representative,
     covariances_about,
@@ -225,3 +227,12 @@ def test_what_a_scene_explains_is_counted_from_its_draw() -> None:
     share = told.sure_behind / (14 * told.n_frames - told.unsure)
     assert told.unsure_behind / told.unsure > 2 * share
     assert f"{told.covered} of {told.n_frames} frames" in told.text
+
+
+def test_a_scene_that_all_draws_have_has_an_error() -> None:
+    run = posterior()
+    samples, draws = run.samples, run.samples.log_posterior.size
+    one = Layouts(np.zeros(draws, np.int64), samples.layouts.leaders[:1])
+    agreed = replace(run, samples=replace(samples, layouts=one))
+    (error,) = agreed.scene_probabilities.standard_error
+    assert error == 1 / (float(ess(samples.log_posterior)) + 2)
