@@ -20,7 +20,7 @@ from imapper_prob.models.camera import Camera, floor_edges
 from imapper_prob.models.drawing import INK, LINES, QUIET
 from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.skeleton import JOINTS, PELV
-from imapper_prob.models.text import as_probability
+from imapper_prob.models.text import as_probability, with_error
 from imapper_prob.people import by_person
 from imapper_prob.plotting import category_colour
 from imapper_prob.uncertainty.clusters import ObjectCluster, cells_of_object, names_of
