@@ -241,7 +241,7 @@ def _legend_of_scene(clip: Clip, weighted: WeightedScene) -> str:
         entries.append((line(INK, dash="dot"), "holds the middle of an object with 90 %"))
     entries += _people(clip, "pelvis, and the person now")
     entries.append((line(QUIET, width=1), "pelvis in other draws"))
-    entries.append((line(SIGHT_COLOUR, dash="dash", width=1), "edge of what the camera sees"))
+    entries.append((line(SIGHT_COLOUR, dash="dash", width=1), "edge of the floor in sight"))
     if clip.truth is not None and clip.truth.objects:
         entries.append((line(QUIET, dash="dash"), "what really was there (a box)"))
     return legend(entries)

@@ -99,7 +99,7 @@ class Occupancy:
         --------
         >>> axes = posterior.occupancy().plot()
         >>> [text.get_text() for text in axes.get_legend().get_texts()]
-        [...'couch, at most p = ...]
+        [...'couch, highest p: ...]
         """
         from imapper_prob.uncertainty.drawing import draw_occupancy
 
