@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from imapper_prob.clips.takes import same_room
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.lifting import lift_clip
 from imapper_prob.memory import require_feasible
+from imapper_prob.models.errors import InputError, require_kind, require_whole
 from imapper_prob.models.problem import labels_of
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
@@ -34,6 +35,7 @@ from imapper_prob.scenelets.library import load_library
 from imapper_prob.simulate.clips import simulate_clip
 from imapper_prob.solver.actors import Solved, solve_actors, solved
 from imapper_prob.solver.solver import Solution
+from imapper_prob.uncertainty.tree import clip_digest
 
 __all__ = ["demo_clip", "load_clip", "sample", "solve"]
 
@@ -136,17 +138,21 @@ def solve(
     Solved
         ``scenes``, the best first, and intermediate results of the solver by person (``actors``).
 
+    Raises
+    ------
+    InputError
+        An argument is of another type, or the content of the clip cannot be used.
+
     Examples
     --------
     >>> solved = im.solve(clip, library, scenes=2)
     >>> [o.label for o in solved.scenes[0].objects]
     ['couch']
     """
-    settings = config.settings if config is not None else None
-    known = load_library() if library is None else library
-    clip = _one(clip)
+    require_whole("scenes", scenes, least=1)
+    config, known, clip = _config(config), _library(library), _one(clip)
     with interruptible(), shown(progress) as report:
-        actors = solve_actors(clip, known, settings=settings, progress=report)
+        actors = solve_actors(clip, known, settings=config.settings, progress=report)
     return solved(clip, actors, count=scenes)
 
 
@@ -179,8 +185,8 @@ def sample(
     clip, library
         See `solve`.
     start : Solved, Solution or sequence of Solution, optional
-        Starting point: the result of `solve`, or the solutions by actor. If not given, all actors
-        are solved first.
+        Starting point: the result of `solve` for this clip, library and model, or the solutions by
+        actor. If not given, all actors are solved first.
     given : sequence of Statement
         Statements known besides the clip, such as `ObjectAt`; each is a term of the target density.
     rng : int, optional
@@ -217,8 +223,9 @@ def sample(
     Raises
     ------
     InputError
-        ``minutes`` or ``until`` is invalid, the clip needs more memory than is available, its
-        content cannot be used, or no scene of clip and library can fulfil ``given``.
+        An argument is invalid, ``start`` is of another clip, library or model, the clip needs more
+        memory than is available, its content cannot be used, or no scene of clip and library can
+        fulfil ``given``.
 
     Examples
     --------
@@ -226,28 +233,30 @@ def sample(
     >>> posterior.samples.shape
     (2, 10)
     """
-    config = config or Config()
+    config = _config(config)
     config = replace(
         config,
         seed=config.seed if rng is None else rng,
         sample=replace(config.sample, chains=config.sample.chains if chains is None else chains),
     )
     limits = Limits(minutes, until)
+    require_whole("workers", workers, least=1)
+    if isinstance(cluster, str):
+        raise InputError(f"cluster = {cluster!r:.60} must be a distributed.Client; make it of that")
     clip = _one(clip)
-    known = load_library() if library is None else library
+    begun_from = None if start is None else _solutions(start, clip, library, config)
+    known = _library(library) if begun_from is None else begun_from[0].library
     require_feasible(clip, known, _most(config.sample) if limits.any else config.sample)
     labels = labels_of(known)
     check_statements(given, clip, labels)
     begun = time.perf_counter()
     with interruptible(), shown(progress) as report:
-        if start is None:
+        if begun_from is not None:
+            solutions = begun_from
+        else:
             spare = workers > 1 and cluster is None and config.model.energy == "default"
             with kernels_compiled_meanwhile(wanted=spare, progress=report):
                 solutions = solve_actors(clip, known, settings=config.settings, progress=report)
-        elif isinstance(start, Solved):
-            solutions = start.actors
-        else:
-            solutions = (start,) if isinstance(start, Solution) else tuple(start)
         source = solutions[0] if len(solutions) == 1 else join_actors(solutions)
         bare = source.problem
         if given:
@@ -274,6 +283,64 @@ def sample(
     if limits.any or (samples.finished and end > end_of(config.sample)):
         config = replace(config, sample=stopped_at(config.sample, end))
     return Posterior(source, samples, config, seconds=seconds, told=told)
+
+
+def _config(config: Config | None) -> Config:
+    config = Config() if config is None else config
+    require_kind("config", config, Config, "a Config, see read_config")
+    return config
+
+
+def _library(library: Library | None) -> Library:
+    known = load_library() if library is None else library
+    require_kind("library", known, Library, "a Library, see load_library")
+    return known
+
+
+_OF_START: Final = (
+    "size_spread", "facing_spread", "sight_width", "visibility_error", "joint_step",
+    "smoothness_cost", "collision_cost", "motion_cost", "furniture_aside", "merge_angle",
+    "likelihood",
+)  # fmt: skip
+"""Settings of the model that a solution keeps unchanged."""
+
+
+def _solutions(
+    start: Solved | Solution | Sequence[Solution],
+    clip: Clip,
+    library: Library | None,
+    config: Config,
+) -> tuple[Solution, ...]:
+    """The solutions of a starting point, one for each actor of the clip.
+
+    Raises
+    ------
+    InputError
+        They are not solutions, or are of another clip, library or model.
+    """
+    found: Any = start.actors if isinstance(start, Solved) else start
+    found = (found,) if isinstance(found, Solution) else found
+    if isinstance(found, str) or not isinstance(found, Sequence) or not found:
+        raise InputError(f"start = {start!r:.60} must be the result of solve")
+    for solution in found:
+        require_kind("start", solution, Solution, "the result of solve")
+    clips = [replace(clip, tracks=(track,)) for track in clip.tracks]
+    if [clip_digest(s.clip) for s in found] != [clip_digest(c) for c in clips]:
+        raise InputError(
+            f"start is of another clip ({found[0].clip.name}) than {clip.name}; solve this one"
+        )
+    if library is not None and _library(library).digest != found[0].library.digest:
+        raise InputError(f"start is of another library, {found[0].library.name}; solve with this")
+    model, problem = config.model, found[0].problem
+    if problem.of_paper != (model.energy == "paper" and model.likelihood > 0):
+        raise InputError(f"start is not of energy = {model.energy!r}, as config; solve with config")
+    for name in _OF_START:
+        if getattr(problem, name) != getattr(model, name):
+            raise InputError(
+                f"start has {name} = {getattr(problem, name)}, config has {getattr(model, name)}; "
+                "solve with config"
+            )
+    return tuple(found)
 
 
 def _one(clip: Clip | Sequence[Clip]) -> Clip:

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 from imapper_prob.models.detector import DetectorSettings
-from imapper_prob.models.errors import InputError
+from imapper_prob.models.errors import (
+    InputError,
+    require_kind,
+    require_number,
+    require_whole,
+)
 from imapper_prob.models.settings import (
     CameraSettings,
     ModelSettings,
@@ -18,8 +24,10 @@ from imapper_prob.models.settings import (
     StaticPathSettings,
 )
 
-__all__ = ["Config", "SampleSettings", "from_toml", "read_config", "to_toml"]
+__all__ = ["MOST_STEPS", "Config", "SampleSettings", "from_toml", "read_config", "to_toml"]
 
+MOST_STEPS: Final = 10**9
+"""Most steps of a chain at each temperature: days of sampling; chosen."""
 
 _LARGEST: Final = 2**63
 """Largest magnitude of a setting; seeds have 63 bits."""
@@ -86,10 +94,10 @@ class SampleSettings:
             "last_step": 0, "ensemble_steps": 0,
         }  # fmt: skip
         for name, value in least.items():
-            if getattr(self, name) < value:
-                raise InputError(
-                    f"sample setting {name} = {getattr(self, name)} must be at least {value}"
-                )
+            said = getattr(self, name)
+            require_whole(f"sample setting {name}", said, least=value, most=MOST_STEPS)
+        require_number("sample setting layout_radius", self.layout_radius, above=0)
+        require_number("sample setting burn_in", self.burn_in)
         if not 0 <= self.burn_in < 1:
             raise InputError(f"sample setting burn_in = {self.burn_in} must be in [0, 1)")
         if self.draws > self.most_draws:
@@ -119,6 +127,13 @@ class SampleSettings:
     def steps_made(self) -> int:
         """Step at which chains stop."""
         return self.last_step or self.steps
+
+
+_TABLES: Final = {
+    "model": ModelSettings, "path": StaticPathSettings, "camera": CameraSettings,
+    "detector": DetectorSettings, "sample": SampleSettings,
+}  # fmt: skip
+"""Tables of a file of settings."""
 
 
 @dataclass(frozen=True)
@@ -158,8 +173,13 @@ class Config:
     sample: SampleSettings = field(default_factory=SampleSettings)
 
     def __post_init__(self) -> None:
-        if self.seed < 0:
-            raise InputError(f"seed = {self.seed} must not be negative")
+        for name, kind in _TABLES.items():
+            require_kind(name, getattr(self, name), kind, f"a {kind.__name__}")
+        require_kind("library", self.library, str, "a name or path as text")
+        require_kind("device", self.device, str, "the name of a torch device")
+        if re.fullmatch(r"(cpu|cuda|mps|xpu)(:\d+)?", self.device) is None:
+            raise InputError(f"device = {self.device!r:.60} must be cpu, cuda, mps, or as cuda:1")
+        require_whole("seed", self.seed, least=0)
         if self.seed >= _LARGEST:
             raise InputError(f"seed = {self.seed} must be less than 2^63")
         try:

@@ -41,8 +41,8 @@ except ImportError:  # systems without such locks exclude nobody
     fcntl = None  # type: ignore[assignment]
 
 __all__ = [
-    "disk_errors_named", "folder_held", "folder_published", "require_intact", "require_own",
-    "require_writable", "without_nan", "written_whole",
+    "disk_errors_named", "folder_held", "folder_published", "require_intact", "require_output",
+    "require_own", "require_writable", "without_nan", "written_whole",
 ]  # fmt: skip
 
 _MANIFEST: Final = "manifest.json"
@@ -253,17 +253,30 @@ def require_own(
     require_writable(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: is a file; name a folder for the output")
+    for above in folder.resolve().parents:
+        if _holds_result(above):
+            raise InputError(
+                f"{folder}: is inside {above}, which holds another result; name a folder elsewhere"
+            )
     found = sorted(p.name for p in folder.iterdir()) if folder.exists() else []
     strange = [n for n in found if n not in files and n != unfinished and not _is_hidden(n)]
     if strange:
         raise InputError(
-            f"{folder}: holds {strange[0]}, which is not of a {what}; name another folder"
+            f"{folder}: holds {strange[0]}, which is not of a {what}; move {strange[0]} elsewhere, "
+            "or name another folder"
         )
     earlier = any(name in files or name == unfinished for name in found)
     if earlier and not overwrite and not (resumes and unfinished in found):
         raise InputError(
             f"{folder}: holds an earlier {what}; name another folder or add --overwrite"
         )
+
+
+def _holds_result(folder: Path) -> bool:
+    """Whether a folder has a manifest of this program."""
+    with suppress(InputError, OSError):
+        return (folder / _MANIFEST).is_file() and bool(_read(folder / _MANIFEST))
+    return False
 
 
 def _is_hidden(name: str) -> bool:
@@ -306,6 +319,35 @@ def require_intact(path: Path, *, below: Path | None = None) -> None:
             f"{path}: is not the file that was written, its checksum differs from that in "
             f"{_MANIFEST}; copy it again, or delete {_MANIFEST} if it was changed on purpose"
         )
+
+
+def require_output(path: Path, suffix: str, *, of_run: str = "") -> None:
+    """Refuse a path for an output file of another kind, or of a file of a run.
+
+    Parameters
+    ----------
+    path : Path
+    suffix : str
+        With which the name ends: ``".glb"``.
+    of_run : str
+        Name of the file in a run's folder that this output may replace; others are refused.
+
+    Raises
+    ------
+    InputError
+        The suffix differs, or the path is a folder or a file of a run.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name a file")
+    if path.suffix.lower() != suffix:
+        raise InputError(f"{path}: the name must end in {suffix}")
+    absolute = path.absolute()
+    for folder in absolute.parents[:2]:
+        name, listed = absolute.relative_to(folder).as_posix(), {}
+        with suppress(InputError):  # a damaged manifest is reported when something is read
+            listed = dict(_listed(folder))
+        if name in listed and name != of_run:
+            raise InputError(f"{path}: is a file of the run in {folder}; name another file")
 
 
 def require_writable(folder: Path) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Final
@@ -352,6 +352,8 @@ class Track:
         all joints of a frame without a pose.
     interpolated : (T,) bool
         Frames whose pose was already interpolated in the input.
+    first_frame : int
+        Number of the first frame, for error messages only.
     """
 
     name: str
@@ -359,10 +361,11 @@ class Track:
     confidences: Array
     poses: Array
     interpolated: NDArray[np.bool_]
+    first_frame: InitVar[int] = 0
 
     __repr__ = brief
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, first_frame: int) -> None:
         object.__setattr__(self, "name", _word(self.name, "the name of a track"))
         keypoints = read_only(self.keypoints, shape=(None, N_JOINTS, 2), name="keypoints")
         n_frames = len(keypoints)
@@ -377,29 +380,30 @@ class Track:
         if bad.any():
             t, j = np.argwhere(bad)[0]
             raise InputError(
-                f"track {self.name}, frame {t}, joint {JOINTS[j]}: confidence "
+                f"track {self.name}, frame {first_frame + t}, joint {JOINTS[j]}: confidence "
                 f"{confidences[t, j]} is not in [0, 1]"
             )
         lost = (confidences > 0) & ~np.isfinite(keypoints).all(-1)
         if lost.any():
             t, j = np.argwhere(lost)[0]
             raise InputError(
-                f"track {self.name}, frame {t}, joint {JOINTS[j]}: a confidence but no finite "
-                "position; give a missing joint confidence 0"
+                f"track {self.name}, frame {first_frame + t}, joint {JOINTS[j]}: a confidence but "
+                "no finite position; give a missing joint confidence 0"
             )
-        there = np.isfinite(poses)
-        if there.any() and np.abs(poses[there]).max() > _LARGEST_BODY:
+        far = np.where(np.isfinite(poses), np.abs(poses), 0.0).max(-1)
+        if far.size and far.max() > _LARGEST_BODY:
+            t, j = np.unravel_index(np.argmax(far), far.shape)
             raise InputError(
-                f"track {self.name}: a pose has a joint {np.abs(poses[there]).max():g} m from the "
-                "pelvis; poses are in metres"
+                f"track {self.name}, frame {first_frame + t}, joint {JOINTS[j]}: its pose has it "
+                f"{far[t, j]:g} m from the pelvis; poses are in metres"
             )
         partial = np.isfinite(poses).all((1, 2)) != np.isfinite(poses).any((1, 2))
         if partial.any():
             t = int(np.argmax(partial))
             j = int(np.argmax(~np.isfinite(poses[t]).all(-1)))
             raise InputError(
-                f"track {self.name}, frame {t}, joint {JOINTS[j]}: pose is not finite; a frame "
-                "has all joints or none"
+                f"track {self.name}, frame {first_frame + t}, joint {JOINTS[j]}: pose is not "
+                "finite; a frame has all joints or none"
             )
         interpolated.setflags(write=False)
         object.__setattr__(self, "keypoints", keypoints)
@@ -491,9 +495,11 @@ class Clip:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", _word(self.name, "the name of a clip"))
-        ids = np.array(self.frame_ids, dtype=np.int64)
-        if ids.ndim != 1 or (len(ids) > 1 and np.any(np.diff(ids) != 1)):
+        given = np.asarray(self.frame_ids)
+        whole = given.ndim == 1 and given.dtype.kind in "iuf" and np.isfinite(given).all()
+        if not whole or np.any(given % 1) or np.any(np.diff(given) != 1):
             raise InputError(f"clip {self.name}: frame ids must be consecutive integers")
+        ids = np.array(given, dtype=np.int64)
         object.__setattr__(self, "tracks", tuple(self.tracks))
         called = [track.name for track in self.tracks]
         if len(set(called)) < len(called):

@@ -13,7 +13,7 @@ import numpy as np
 
 from imapper_prob.models.calibrated import Number, from_data, values_without, with_values
 from imapper_prob.models.detector import DetectorSettings
-from imapper_prob.models.errors import InputError
+from imapper_prob.models.errors import InputError, require_number
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 
 __all__ = [
@@ -346,6 +346,10 @@ class StaticPathSettings:
     bias_log_depth: float = from_data("bias.log_depth")
     bias_across: float = from_data("bias.across")
 
+    def __post_init__(self) -> None:
+        for name in (f.name for f in fields(self)):
+            require_number(f"path setting {name}", getattr(self, name), above=0)
+
     def frame_weight(self, fps: float) -> float:
         """Weight of a frame: one over the number of frames in a correlation time, at most 1.
 
@@ -399,6 +403,10 @@ class CameraSettings:
     ankle_spread: float = from_data("ankle.spread")
     ankle_dof: float = from_data("ankle.dof")
     correlation_time: float = from_data("frames.correlation_time")
+
+    def __post_init__(self) -> None:
+        for name in (f.name for f in fields(self)):
+            require_number(f"camera setting {name}", getattr(self, name), above=0)
 
 
 @dataclass(frozen=True)

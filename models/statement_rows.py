@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely import Point, Polygon
 
-from imapper_prob.models.errors import InputError
+from imapper_prob.models.errors import InputError, require_kind
 from imapper_prob.models.kernels.given import (
     BEHIND,
     CONTACT,
@@ -84,11 +84,17 @@ def check_statements(statements: Sequence[Statement], clip: Clip, labels: Sequen
     Raises
     ------
     InputError
-        A label is not in the library, a frame not in the clip, a box not in the image, a position
-        is behind the camera, a stature is of several people, a statement is given twice, or two
-        statements contradict each other.
+        Something is no statement, a label is not in the library, a frame not in the clip, a box not
+        in the image, a position is behind the camera, a stature is of several people, a statement
+        is given twice, or two statements contradict each other.
     """
+    said: object = statements
+    if isinstance(said, str) or not isinstance(said, Sequence):
+        raise InputError(
+            f"{said!r:.60} must be a list of statements; read a file with read_statements"
+        )
     for statement in statements:
+        require_kind("statement", statement, Statement, "one such as ObjectAt")
         for label in sorted(_labels_said(statement).difference(labels)):
             raise InputError(
                 f"{describe(statement)}: the library has no {label!r}; it has "

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from numbers import Real
 from typing import Any, Final, Literal
@@ -647,7 +647,9 @@ def from_json(text: str) -> tuple[Statement, ...]:
 
 
 def _labels(said: str | Sequence[str]) -> tuple[str, ...]:
-    labels = (said,) if isinstance(said, str) else tuple(said)
+    labels: tuple[Any, ...] = (said,)
+    if isinstance(said, Iterable) and not isinstance(said, str):
+        labels = tuple(said)
     if not labels or not all(isinstance(label, str) and label for label in labels):
         raise InputError(f"labels {said!r:.60} must be a label or some of them")
     return labels

@@ -42,7 +42,7 @@ def test_settings_survive_a_file(tmp_path: Path) -> None:
         ("seed = " + "[" * 3000, "not a TOML file"),
         ("seed = " + "9" * 5000, "not a TOML file"),
         ("seed = " + "9" * 50, "too large to be true"),
-        ("seed = -1", "must not be negative"),
+        ("seed = -1", "must be at least 0"),
         (f"seed = {2**63}", "must be less than 2\\^63"),
     ],
 )

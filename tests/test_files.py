@@ -14,7 +14,13 @@ from pathlib import Path
 import pytest
 
 from imapper_prob import files
-from imapper_prob.files import folder_held, folder_published, require_intact, written_whole
+from imapper_prob.files import (
+    folder_held,
+    folder_published,
+    require_intact,
+    require_own,
+    written_whole,
+)
 from imapper_prob.models.errors import InputError
 
 NAMES = ("a.txt", "b.txt", "c.txt", "models", "late.txt")
@@ -216,3 +222,15 @@ def test_a_long_name_is_written(tmp_path: Path) -> None:
     with written_whole(path) as beside:
         beside.write_text("x")
     assert path.read_text() == "x"
+
+
+def test_own_files_and_results_above_are_named(folder: Path) -> None:
+    (folder / "mine.glb").touch()
+    with pytest.raises(InputError, match=r"move mine.glb elsewhere, or name another folder"):
+        require_own(folder, NAMES, what="run", overwrite=True)
+    with pytest.raises(InputError, match=f"is inside {folder}, which holds another result"):
+        require_own(folder / "sub" / "sub", NAMES, what="run", overwrite=False)
+    other = folder.parent / "other"
+    other.mkdir()
+    (other / "manifest.json").write_text('{"name": "a web page"}')
+    require_own(other / "sub", NAMES, what="run", overwrite=False)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import os
+import shlex
 from pathlib import Path
 from typing import Any
 
 from imapper_prob.cli.clips import run_folder_of
-from imapper_prob.cli.console import Stopped, console, progress_bars
+from imapper_prob.cli.console import Stopped, console, print_lines, progress_bars
 from imapper_prob.cli.parser import examples
 from imapper_prob.models.errors import InputError
 
@@ -94,7 +95,8 @@ def _ask(options: argparse.Namespace) -> None:
     out.print(after.told.text)
     out.print(change_table(changes(before, after)))
     out.print(after.verdict)
-    out.print(f"Written to {options.output}; look at it with: imapper-prob view {options.output}")
+    command = shlex.join(["imapper-prob", "view", str(options.output)])
+    print_lines(f"Written to {options.output}; look at it with: {command}")
     if not after.samples.finished:
         chains, draws = after.samples.shape
         raise Stopped(

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import argparse
 import re
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from imapper_prob.cli.console import progress_bars
+from imapper_prob.cli.console import print_lines, progress_bars
 from imapper_prob.cli.parser import examples
-from imapper_prob.files import disk_errors_named, written_whole
+from imapper_prob.files import (
+    disk_errors_named,
+    require_output,
+    require_writable,
+    written_whole,
+)
 from imapper_prob.models.errors import InputError
 
 if TYPE_CHECKING:
@@ -20,8 +26,10 @@ __all__ = [
     "add_detect_command",
     "add_track_command",
     "clip_from",
+    "clip_options_said",
     "clip_parser",
     "is_clip",
+    "is_run",
     "is_video",
     "run_folder_of",
     "size_of",
@@ -63,20 +71,20 @@ def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
         "--pitch",
         type=float,
         metavar="DEGREES",
-        help="of the camera; down is negative (default: found from the clip)",
+        help="guess of the camera's, from which the clip's is found; down is negative (default: 0)",
     )
     add(
         "--camera-height",
         type=float,
         metavar="METRES",
-        help="above the floor (default: found from the clip)",
+        help="guess of that above the floor, from which the clip's is found (default: 1.5)",
     )
     add(
         "--confidence-map",
         metavar="MAP",
         help="its name, or knots such as 0:0,0.3:0.5,1:1 (default: by format)",
     )
-    add("--fps", type=float, metavar="N", help="frames a second (default: of the file)")
+    add("--fps", type=float, metavar="N", help="frames a second (default: of the file; else 30)")
     if files:
         add("--format", metavar="NAME", help="such as body_25, halpe_26 (default: by content)")
         add(
@@ -166,14 +174,30 @@ def clip_options(options: argparse.Namespace) -> ClipOptions:
     )
 
 
+def clip_options_said(options: argparse.Namespace) -> list[str]:
+    """Names of the options of a clip that differ from their defaults.
+
+    Parameters
+    ----------
+    options : argparse.Namespace
+        Options of `clip_parser`, among others.
+
+    Returns
+    -------
+    list of str
+        Without the dashes before them.
+    """
+    actions = [a for a in clip_parser()._actions if getattr(options, a.dest) != a.default]
+    return [action.option_strings[0].removeprefix("--") for action in actions]
+
+
 _PICTURES: Final = (".png", ".jpg", ".jpeg")
 
 
 def _require_new_files(options: argparse.Namespace) -> None:
     """Check that the clip file and the picture may be written, before anything is computed."""
     output, picture = options.output, options.picture
-    if output.suffix != ".npz":
-        raise InputError(f"{output}: a clip file's name ends in .npz")
+    require_output(output, ".npz")
     if picture is not None and picture.suffix.lower() not in _PICTURES:
         raise InputError(f"{picture}: a picture's name ends in {', '.join(_PICTURES)}")
     for path in (output, picture):
@@ -183,6 +207,7 @@ def _require_new_files(options: argparse.Namespace) -> None:
             raise InputError(f"{path} exists; name another file, or say --overwrite")
         if not path.parent.is_dir():
             raise InputError(f"{path}: there is no folder {path.parent}")
+        require_writable(path.parent)
 
 
 def is_clip(path: Path) -> bool:
@@ -196,7 +221,7 @@ def is_clip(path: Path) -> bool:
     -------
     bool
     """
-    return path.is_file() or (path.is_dir() and any(path.glob("*.json")) and not _is_run(path))
+    return path.is_file() or (path.is_dir() and any(path.glob("*.json")) and not is_run(path))
 
 
 def run_folder_of(text: str) -> Path:
@@ -215,7 +240,17 @@ def run_folder_of(text: str) -> Path:
     return path.parent if path.name == "posterior.nc" else path
 
 
-def _is_run(path: Path) -> bool:
+def is_run(path: Path) -> bool:
+    """Whether a folder has the files of a run.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    bool
+    """
     return (path / "scenes.json").exists() or (path / "posterior.nc").exists()
 
 
@@ -336,7 +371,8 @@ def _detect(options: argparse.Namespace) -> None:
             _draw(options, clip)
     out = console()
     out.print(clip_table(clip))
-    out.print(f"Written to {output}; go on with: imapper-prob run {output} -o DIR")
+    command = shlex.join(["imapper-prob", "run", str(output)])
+    print_lines(f"Written to {output}; go on with: {command} -o DIR")
 
 
 def _draw(options: argparse.Namespace, clip: Clip) -> None:

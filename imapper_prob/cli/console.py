@@ -22,6 +22,7 @@ __all__ = [
     "Terminated",
     "console",
     "last_words",
+    "print_lines",
     "printable",
     "progress_bars",
     "stoppable",
@@ -63,6 +64,16 @@ def console(*, stderr: bool = False) -> Any:
             return super().render_str(printable(text), **options)
 
     return Plain(stderr=stderr, markup=False, emoji=False, highlight=False)
+
+
+def print_lines(text: str) -> None:
+    """Print lines on standard output as they are, so that the commands in them can be copied.
+
+    Parameters
+    ----------
+    text : str
+    """
+    console().print(text, soft_wrap=True)
 
 
 @contextmanager

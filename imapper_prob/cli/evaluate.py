@@ -104,7 +104,10 @@ def evaluate_results(options: argparse.Namespace) -> None:
 def _runs(options: argparse.Namespace) -> None:
     output = options.output or options.results[0]
     if output.is_file():
-        raise InputError("name a folder for evaluation.json and pictures with -o DIR")
+        raise InputError(
+            f"{output}: is a prediction file; name a folder for evaluation.json and pictures with "
+            "-o DIR"
+        )
     known, predictions, posteriors = _read(options)
     everything = (*predictions, *known.others)
     evaluation = evaluate([(known.truth, everything)], posteriors)
@@ -248,6 +251,7 @@ def run_suite(options: argparse.Namespace) -> SuiteResult:
     """
     config = Config() if options.config is None else read_config(options.config)
     scenes = scenes_with_truth(options.suite)
+    _require_files_of_methods(options, scenes)
     others = scenes[0].parent if options.leave_one_out else None
     prepare_suite(options.output, config, others=others)
     parts = PARTS if options.exploration else PARTS[-1:]
@@ -261,6 +265,22 @@ def run_suite(options: argparse.Namespace) -> SuiteResult:
             raise Stopped("what there is was kept")
     known = {scene.name: known_scene(scene) for scene in scenes}
     return _scored(tasks, known, parts, options)
+
+
+_OF_METHODS = {"predictions": "*.json", "detections": "*.json", "depths": "*.npz"}
+"""Options that name a folder with one folder a scene, and the files in these."""
+
+
+def _require_files_of_methods(options: argparse.Namespace, scenes: Sequence[Path]) -> None:
+    """Refuse a folder of other methods without a file for any scene."""
+    for name, pattern in _OF_METHODS.items():
+        folder = getattr(options, name)
+        if folder is None or any(any((folder / s.name).glob(pattern)) for s in scenes):
+            continue
+        raise InputError(
+            f"--{name} {folder}: has no file of any scene; expected such as "
+            f"{folder / scenes[0].name / pattern.replace('*', 'NAME')}"
+        )
 
 
 @contextmanager

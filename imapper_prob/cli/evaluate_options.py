@@ -51,7 +51,8 @@ def add_evaluate_command(
         "--output",
         type=Path,
         metavar="DIR",
-        help="of evaluation.json and pictures (default: the folder of the run)",
+        help="of evaluation.json and pictures (default: the folder of the run; a prediction file "
+        "needs one)",
     )
     suite = command.add_argument_group("the whole benchmark")
     suite.add_argument(

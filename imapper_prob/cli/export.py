@@ -80,6 +80,7 @@ def add_export_commands(
 
 def _export(options: argparse.Namespace) -> None:
     from imapper_prob.cli.console import console
+    from imapper_prob.files import require_output
     from imapper_prob.results.exports import write_i3db, write_json
     from imapper_prob.results.glb import write_glb
     from imapper_prob.results.load import load_posterior
@@ -87,8 +88,8 @@ def _export(options: argparse.Namespace) -> None:
     if options.samples and options.format != "json":
         raise InputError("--samples is of use with --format json only")
     out: Path = options.output
-    if options.format != "i3db" and out.is_dir():
-        raise InputError(f"{out}: is a folder; name a file")
+    if options.format != "i3db":
+        require_output(out, f".{options.format}")
     posterior = load_posterior(options.folder)
     weighted = None if options.scene is None else posterior.scene(options.scene)
     scene = posterior.estimate if weighted is None else weighted.scene
@@ -171,8 +172,10 @@ def add_recording_commands(
 
 def _record(options: argparse.Namespace) -> None:
     from imapper_prob.cli.console import console
+    from imapper_prob.files import require_output
 
     output = options.output or options.folder / _NAME
+    require_output(output, ".rrd", of_run=_NAME)
     _write(options.folder, output, options.video)
     console().print(f"Written: {output}")
 

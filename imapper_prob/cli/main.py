@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 import io
+import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout, suppress
 
 import imapper_prob
 from imapper_prob.cli.ask import add_ask_command
@@ -36,7 +37,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        0; 2 if the input or the arguments are invalid; 130 after Ctrl-C, 143 after SIGTERM.
+        0; 2 if the input or the arguments are invalid or a file operation fails; 130 after Ctrl-C,
+        143 after SIGTERM.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     options = argparse.Namespace(words=given)
@@ -44,12 +46,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             with stoppable():
                 command_parser().parse_args(given, options)
-                with _silent(quiet=options.quiet):
+                asked = getattr(options, "json", False) or options.command == "completion"
+                with _silent(quiet=options.quiet, document=asked):
                     options.execute(options)
+                sys.stdout.flush()
         except InputError as error:
             if options.debug:
                 raise
             sys.stderr.write(f"imapper-prob: {readable(str(error))}\n")
+            return 2
+        except OSError as error:
+            if options.debug:
+                raise
+            _drop_output()
+            named = "a file or the output" if error.filename is None else error.filename
+            said = f"{named}: cannot be read or written ({error.strerror or error})"
+            sys.stderr.write(f"imapper-prob: {readable(said)}\n")
             return 2
         except KeyboardInterrupt as error:
             words, code = last_words(error, options)
@@ -58,13 +70,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
+def _drop_output() -> None:
+    """Drop what standard output refuses, because Python writes it again at the end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        with suppress(OSError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 @contextmanager
-def _silent(*, quiet: bool) -> Iterator[None]:
-    """Suppress all output of a command except warnings, which :func:`told` prints."""
+def _silent(*, quiet: bool, document: bool) -> Iterator[None]:
+    """Suppress all output of a command except warnings, which :func:`told` prints, and a document
+    that is asked for."""
     if not quiet:
         yield
         return
-    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+    shown = nullcontext() if document else redirect_stdout(io.StringIO())
+    with redirect_stderr(io.StringIO()), shown:
         yield
 
 

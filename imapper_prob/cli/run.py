@@ -5,13 +5,22 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imapper_prob.cli.clips import clip_from, clip_parser, is_clip, is_video, run_folder_of
-from imapper_prob.cli.console import Stopped, progress_bars
+from imapper_prob.cli.clips import (
+    clip_from,
+    clip_options_said,
+    clip_parser,
+    is_clip,
+    is_run,
+    is_video,
+    run_folder_of,
+)
+from imapper_prob.cli.console import Stopped, print_lines, progress_bars
 from imapper_prob.cli.parser import examples
 from imapper_prob.config import Config, SampleSettings, read_config
 from imapper_prob.models.errors import InputError
@@ -293,7 +302,7 @@ def _begun_or_gone_on_with(
                 if options.json:
                     _print_json(folder)
                 else:
-                    _print(f"{folder}: {earlier.verdict} Nothing is left to do.")
+                    print_lines(f"{folder}: {earlier.verdict} Nothing is left to do.")
                 return
         clip, library = read_clip(), load_library(config.library)
         if earlier is not None:
@@ -361,13 +370,7 @@ def _sample(
             f"{options.output} holds what there is, {draws} draws of each of {chains} chains"
         )
     if blocks and not blocks[-1].verdict.good and not options.json:
-        _print(how_to_go_on(blocks[-1], options))
-
-
-def _print(text: str) -> None:
-    from imapper_prob.cli.console import console
-
-    console().print(text)
+        print_lines(how_to_go_on(blocks[-1], options))
 
 
 def _show(posterior: Posterior, folder: Path) -> None:
@@ -394,7 +397,8 @@ def _show(posterior: Posterior, folder: Path) -> None:
     out.print(describe_walked(posterior.samples.walked))
     if not posterior.samples.finished:
         out.print("Interrupted: these are the draws that there were.")
-    out.print(f"Written to {folder}; look at it with: imapper-prob view {folder}")
+    command = shlex.join(["imapper-prob", "view", str(folder)])
+    print_lines(f"Written to {folder}; look at it with: {command}")
 
 
 def _print_json(folder: Path) -> None:
@@ -428,12 +432,19 @@ def _show_alarms(checks: Iterable[Check]) -> None:
 def _info(options: argparse.Namespace) -> None:
     if options.energy and options.json:
         raise InputError("--energy prints a table, and --json one document; choose one")
+    if not options.folder.exists():
+        raise InputError(f"{options.folder}: no such file or folder")
     if is_clip(options.folder):
         for name in ("json", "energy"):
             if getattr(options, name):
                 raise InputError(f"{options.folder}: is a clip; --{name} is for a run")
         _show_clip(options)
-    elif options.json:
+        return
+    if not is_run(options.folder):
+        raise InputError(f"{options.folder}: is neither the folder of a run nor a clip")
+    for name in clip_options_said(options):
+        raise InputError(f"{options.folder}: is a run; --{name} is for a clip")
+    if options.json:
         _print_json(options.folder)
     else:
         _show_run(options)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imapper_prob.cli.parser import examples
-from imapper_prob.files import disk_errors_named, written_whole
+from imapper_prob.files import disk_errors_named, require_output, written_whole
 from imapper_prob.models.errors import InputError
 from imapper_prob.scenelets.build import SOURCES, captures_from
 
@@ -100,7 +101,7 @@ def add_scenelet_commands(
 
 
 def _build(options: argparse.Namespace) -> None:
-    from imapper_prob.cli.console import console
+    from imapper_prob.cli.console import console, print_lines
     from imapper_prob.scenelets.build import build_library_from
     from imapper_prob.scenelets.library import save_library
 
@@ -111,9 +112,8 @@ def _build(options: argparse.Namespace) -> None:
         save_library(library, options.output)
     console().print(str(report))
     _describe(library)
-    console().print(
-        f"Written to {options.output}; use it with: --library built-in,{options.output}"
-    )
+    names = shlex.quote(f"built-in,{options.output}")
+    print_lines(f"Written to {options.output}; use it with: --library {names}")
 
 
 def _info(options: argparse.Namespace) -> None:
@@ -146,7 +146,7 @@ def _plot(options: argparse.Namespace) -> None:
 
 
 def _record(options: argparse.Namespace) -> None:
-    from imapper_prob.cli.console import console
+    from imapper_prob.cli.console import print_lines
     from imapper_prob.recording.sheet import write_sheet
     from imapper_prob.scenelets.charness import charness, motion_distances
     from imapper_prob.scenelets.library import load_library
@@ -156,7 +156,8 @@ def _record(options: argparse.Namespace) -> None:
     values = charness(library, motion_distances(library))
     with _written(options.output):
         write_sheet(options.output, library, values)
-    console().print(f"Written to {options.output}; look at it with: rerun {options.output}")
+    command = shlex.join(["rerun", str(options.output)])
+    print_lines(f"Written to {options.output}; look at it with: {command}")
 
 
 def _describe(library: Library) -> None:
@@ -177,10 +178,7 @@ def _describe(library: Library) -> None:
 def _check(paths: Iterable[Path], *, suffix: str, overwrite: bool) -> None:
     """Refuse invalid or existing output paths before anything is computed."""
     for path in paths:
-        if path.suffix != suffix:
-            raise InputError(f"{path}: the name must end in {suffix}")
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder; name a file")
+        require_output(path, suffix)
         if path.exists() and not overwrite:
             raise InputError(f"{path}: is there already; name another or add --overwrite")
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import time
 from pathlib import Path
 from typing import Any
 
 from imapper_prob.cli.clips import clip_from, clip_parser
-from imapper_prob.cli.console import progress_bars
+from imapper_prob.cli.console import print_lines, progress_bars
 from imapper_prob.cli.parser import examples
 from imapper_prob.progress import Progress
 
@@ -133,4 +134,5 @@ def _solve(options: argparse.Namespace) -> None:
     out.print(maxima_table(solution))
     out.print(scenes_table(solution))
     out.print(furniture_table(solution))
-    out.print(f"Written to {options.output}; the stages: rerun {options.output}/stages.rrd")
+    command = shlex.join(["rerun", str(options.output / "stages.rrd")])
+    print_lines(f"Written to {options.output}; the stages: {command}")

@@ -22,7 +22,7 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.settings import LONGEST_CLIP, MOST_PEOPLE
-from imapper_prob.models.skeleton import DETECTED, LHIP, LSHO, N_JOINTS, RHIP, RSHO
+from imapper_prob.models.skeleton import DETECTED, JOINTS, LHIP, LSHO, N_JOINTS, RHIP, RSHO
 
 __all__ = [
     "CONFIDENCE_MAPS",
@@ -200,6 +200,8 @@ def _written_out(text: str) -> Knots:
 # Clips.
 
 _log = logging.getLogger(__name__)
+_HIGHEST_SCORE: Final = 1.5
+"""Highest score of a format with scores in [0, 1]: peaks of heat maps exceed 1 a little; chosen."""
 _FRAME_RATE: Final = 30.0
 """Frames a second if neither files nor user say; usual for cameras and phones."""
 
@@ -230,6 +232,8 @@ def assemble(sightings: RawDetections, options: ClipOptions) -> Clip:
     if options.camera is not None:
         keypoints = undistorted(keypoints, options.camera)
     scores = np.where(np.isfinite(keypoints).all(-1), sightings.scores, 0.0)
+    if options.confidence is None and sightings.map_name != "mmpose":
+        _require_scores(sightings, scores)
     confidences = confidence_map(options.confidence or sightings.map_name)(scores)
     camera, spread = camera_of(name, options, size=size, likely_focal=sightings.likely_focal)
     fps = options.fps or sightings.fps
@@ -252,6 +256,16 @@ def assemble(sightings: RawDetections, options: ClipOptions) -> Clip:
         ),
         focal_spread=spread,
     )
+
+
+def _require_scores(sightings: RawDetections, scores: Array) -> None:
+    """Refuse scores in another unit, such as percent, than the default map of the format."""
+    for row, joint in np.argwhere(scores > _HIGHEST_SCORE)[:1]:
+        raise InputError(
+            f"{sightings.name}, frame {sightings.frames[row]}, joint {JOINTS[joint]}: score "
+            f"{scores[row, joint]:g}; scores of this format are in [0, 1]. Say what others mean, "
+            "such as --confidence-map 0:0,30:0.5,100:0.95"
+        )
 
 
 def _without_empty_rows(sightings: RawDetections) -> RawDetections:
@@ -385,4 +399,4 @@ def _track(
         poses = sightings.poses[rows]
         poses[~np.isfinite(poses).all((1, 2))] = np.nan
         own_poses[at] = poses
-    return Track(name, own_keypoints, own_confidences, own_poses, np.zeros(n_frames, bool))
+    return Track(name, own_keypoints, own_confidences, own_poses, np.zeros(n_frames, bool), first)

@@ -171,7 +171,8 @@ def clip_of(arrays: Arrays, path: Path) -> Clip:
     form = str(_entry(path, arrays, "format", (), "U"))
     if form != FORMAT:
         raise InputError(f"{path}: format {form!r}, this version reads {FORMAT!r}")
-    n_frames = len(_entry(path, arrays, "frame_ids", (None,), "i"))
+    frame_ids = _entry(path, arrays, "frame_ids", (None,), "i")
+    n_frames, first = len(frame_ids), int(frame_ids[0]) if len(frame_ids) else 0
     names = _entry(path, arrays, "track_names", (None,), "U")
     per_frame = (len(names), n_frames)
     keypoints = _entry(path, arrays, "keypoints", (*per_frame, 16, 2), "f")
@@ -183,9 +184,9 @@ def clip_of(arrays: Arrays, path: Path) -> Clip:
             name=str(_entry(path, arrays, "name", (), "U")),
             camera=_camera(_entry(path, arrays, "camera", (9,), "f")),
             fps=float(_entry(path, arrays, "fps", (), "f")),
-            frame_ids=arrays["frame_ids"],
+            frame_ids=frame_ids,
             tracks=tuple(
-                Track(str(name), keypoints[a], confidences[a], poses[a], interpolated[a])
+                Track(str(name), keypoints[a], confidences[a], poses[a], interpolated[a], first)
                 for a, name in enumerate(names)
             ),
             focal_spread=_focal_spread(path, arrays),

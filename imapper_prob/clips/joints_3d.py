@@ -106,8 +106,11 @@ def _read_trc_table(path: Path) -> TrcTable:
             f"{path}, line {rows[out_of_order[0]][0]}: frame {frames[out_of_order[0]]:g} does not "
             "follow the one before; frames must be consecutive"
         )
-    if (np.abs(table) > FARTHEST).any():
-        raise InputError(f"{path}: a coordinate is infinite, or too large to be one")
+    for row, marker in np.argwhere((np.abs(table) > FARTHEST).any(-1))[:1]:
+        raise InputError(
+            f"{path}, line {rows[row][0]}, frame {frames[row]:g}, marker {names[marker]}: a "
+            "coordinate is infinite, or too large to be one; leave the cells empty"
+        )
     table[(table == 0).all(-1) | ~np.isfinite(table).all(-1)] = np.nan
     return TrcTable(names, table * _METRES[unit], int(first), fps)
 
@@ -236,12 +239,15 @@ def _from_arrays(
         raise InputError(f"{frames} frames, expected 1 to {LONGEST_CLIP}")
     if not 0 < actors <= 16:
         raise InputError(f"{actors} people, expected 1 to 16")
-    if (np.abs(joints) > FARTHEST).any():
-        raise InputError("a coordinate of the joints is infinite, or too large to be metres")
-    joints[(joints == 0).all(-1)] = np.nan
     names = [str(name) for name in arrays.get("joint_names", JOINTS)]
     if len(names) != count:
         raise InputError(f"{len(names)} joint names for {count} joints")
+    for person, frame, joint in np.argwhere((np.abs(joints) > FARTHEST).any(-1))[:1]:
+        raise InputError(
+            f"person {person}, frame {frame}, joint {names[joint]}: a coordinate is infinite, or "
+            "too large to be metres; write NaN for a missing joint"
+        )
+    joints[(joints == 0).all(-1)] = np.nan
     own = arrays.get("confidences", np.full(joints.shape[:-1], _UNTOLD))
     told = own.shape if own.ndim == joints.ndim - 1 else (1, *own.shape)
     if own.dtype.kind not in "fiu" or told != joints.shape[:-1]:
@@ -252,8 +258,11 @@ def _from_arrays(
     # Confidences are matched by joint name in the same way as positions.
     wide = np.repeat(own.astype(np.float64).reshape(-1, count, 1), 3, axis=2)
     confidences = joints_by_name(wide, names)[..., 0].reshape(actors, frames, -1)
-    if not ((confidences >= 0) & (confidences <= 1)).all():
-        raise InputError("confidences must be in [0, 1]")
+    for person, frame, joint in np.argwhere(~((confidences >= 0) & (confidences <= 1)))[:1]:
+        raise InputError(
+            f"person {person}, frame {frame}, joint {JOINTS[joint]}: confidence "
+            f"{confidences[person, frame, joint]:g} must be in [0, 1]"
+        )
     sixteen = joints_by_name(joints.reshape(-1, count, 3), names)
     sixteen = sixteen.reshape(actors, frames, -1, 3)
     if options.camera is None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import zipfile
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -31,7 +32,7 @@ from imapper_prob.clips.result_lists import (
     read_proposals,
     read_result_list,
 )
-from imapper_prob.models.errors import InputError
+from imapper_prob.models.errors import InputError, require_kind, require_whole
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.settings import SHORTEST_CLIP
 from imapper_prob.models.skeleton import DETECTED, JOINTS
@@ -105,7 +106,7 @@ def clip_table(clip: Clip) -> Table:
 
 
 def window(clip: Clip, first: int, last: int) -> Clip:
-    """The frames ``first`` to ``last`` of a clip, both included, without its ground truth.
+    """The frames ``first`` to ``last`` of a clip, both included, with the ground truth of these.
 
     Parameters
     ----------
@@ -136,7 +137,17 @@ def window(clip: Clip, first: int, last: int) -> Clip:
         )
         for t in clip.tracks
     )
-    return replace(clip, frame_ids=clip.frame_ids[part], tracks=tracks, truth=None)
+    truth = clip.truth
+    if truth is not None:
+        people = len(truth.joints) // clip.n_frames
+        rows = np.arange(people * clip.n_frames).reshape(people, -1)[:, part].ravel()
+        truth = replace(
+            truth,
+            joints=truth.joints[rows],
+            hidden=truth.hidden[rows],
+            actions=tuple(truth.actions[row] for row in rows if truth.actions),
+        )
+    return replace(clip, frame_ids=clip.frame_ids[part], tracks=tracks, truth=truth)
 
 
 # ------------------------------------------------------------------------------------------------
@@ -283,15 +294,25 @@ def read_whatever(path: Path, options: ClipOptions) -> Clip:
         if options.tracker != ClipOptions().tracker:
             given.append("tracker")
         if given:
-            raise InputError(f"{path}: a clip of format {form} has its own {given[0]}")
+            advice = (
+                "leave the option out"
+                if form == "i3db"
+                else "give the option to the command that makes the file, `detect` or `track`"
+            )
+            raise InputError(f"{path}: a clip of format {form} has its own {given[0]}; {advice}")
         return read_i3db(path) if form == "i3db" else read_clip(path)
     sightings, options = _read(path, form, options)
-    return assemble(sightings, options)
+    try:
+        return assemble(sightings, options)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def _chosen(path: Path, options: ClipOptions) -> str:
     if not path.exists():
         raise InputError(f"{path}: no such file or folder")
+    if not (path.is_file() or path.is_dir()):
+        raise InputError(f"{path}: is a pipe or device; write the clip to a file first")
     form = options.format
     if form is None:
         return format_of(path)
@@ -380,8 +401,14 @@ def read_frames(
     InputError
         The content of ``path`` is not a clip, or the clip is too short.
     """
-    path = Path(path)
-    clip = read_whatever(path, options or ClipOptions())
+    path, options = Path(path), ClipOptions() if options is None else options
+    require_kind("options", options, ClipOptions, "ClipOptions")
+    if frames is not None:
+        if not isinstance(frames, Sequence) or len(frames) != 2:
+            raise InputError(f"frames = {frames!r:.60} must be (first, last)")
+        for frame in frames:
+            require_whole("frame", frame, least=-(2**63))
+    clip = read_whatever(path, options)
     if frames is not None:
         clip = window(clip, *frames)
     if clip.n_frames < SHORTEST_CLIP:

@@ -250,8 +250,11 @@ def _points(place: str, points: Any, keys: tuple[str, ...], *, columns: tuple[in
         table = np.array(rows, float)
     except OverflowError:
         table = np.full((len(rows), len(keys)), np.inf)
-    if not np.isfinite(table).all():
-        raise InputError(f"{place}: a landmark is not finite")
+    for landmark, column in np.argwhere(~np.isfinite(table))[:1]:
+        raise InputError(
+            f"{place}, landmark {_NAMES[landmark]}: {keys[column]} is not finite; leave that "
+            "person out of that frame"
+        )
     return table
 
 

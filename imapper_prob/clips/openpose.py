@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,12 +42,14 @@ _NEAR: Final = 0.12
 in the right order of the fixtures, and .3 or more in the wrong one."""
 _CLEARLY: Final = 2.0
 """Least ratio of the neighbours' distances in the wrong order to those in the right one."""
+_LOOKED_AT: Final = 5
+"""Files of a folder that are read to find out whether they are of OpenPose; chosen."""
 _TOUCHING: Final = 0.1
 """Tolerance for points outside an image scaled to [0, 1], as a fraction of its size."""
 
 
 def is_openpose(folder: Path) -> bool:
-    """Whether a folder holds OpenPose files; only the first file is read.
+    """Whether a folder holds OpenPose files; a few files are read, because some may be damaged.
 
     Parameters
     ----------
@@ -56,14 +59,17 @@ def is_openpose(folder: Path) -> bool:
     -------
     bool
     """
-    first = min(folder.glob("*.json"), default=None)
-    if first is None:
-        return False
-    try:
-        data = load_json(first)
-    except InputError:
-        return False
-    return isinstance(data, dict) and isinstance(data.get("people"), list)
+    for path in _files(folder)[:_LOOKED_AT]:
+        with suppress(InputError):
+            data = load_json(path)
+            if isinstance(data, dict) and isinstance(data.get("people"), list):
+                return True
+    return False
+
+
+def _files(folder: Path) -> list[Path]:
+    """Its JSON files by name, without the hidden ones that some systems put beside files."""
+    return sorted(path for path in folder.glob("*.json") if not path.name.startswith("."))
 
 
 def read_openpose(folder: Path, *, order: str | None = None) -> RawDetections:
@@ -93,7 +99,9 @@ def read_openpose(folder: Path, *, order: str | None = None) -> RawDetections:
     for frame, path in files.items():
         data = load_json(path)
         if not isinstance(data, dict) or not isinstance(data.get("people"), list):
-            raise InputError(f"{path}: no list 'people'; is this a file of OpenPose?")
+            raise InputError(
+                f"{path}: no list 'people'; is this a file of OpenPose? Move others elsewhere"
+            )
         if len(data["people"]) > MOST_PEOPLE:
             raise InputError(f"{path}: {len(data['people'])} people; at most {MOST_PEOPLE}")
         for number, person in enumerate(data["people"]):
@@ -134,7 +142,7 @@ def read_openpose(folder: Path, *, order: str | None = None) -> RawDetections:
 def _numbered(folder: Path) -> dict[int, Path]:
     """Files by frame number, in order."""
     files: dict[int, Path] = {}
-    for path in sorted(folder.glob("*.json")):
+    for path in _files(folder):
         numbers = re.findall(r"\d+", path.stem.removesuffix("_keypoints"))
         if not numbers:
             raise InputError(f"{path}: no frame number in the name")
@@ -170,7 +178,12 @@ def _person(path: Path, number: int, person: Any) -> Array:
     fits = (np.abs(table) <= FARTHEST).all(1)
     if not fits.all():
         joint = int(np.argmin(fits))
-        raise InputError(f"{path}, person {number}, keypoint {joint}: {table[joint]} is no pixel")
+        fitting = [KEYPOINT_SETS[o] for o in ORDERS if len(KEYPOINT_SETS[o]) == len(table)]
+        named = " or ".join(dict.fromkeys(names[joint] for names in fitting))
+        raise InputError(
+            f"{path}, person {number}, keypoint {joint}: {table[joint]} is no pixel; write 0, 0, 0 "
+            f"for a {named} that is missing"
+        )
     return table
 
 

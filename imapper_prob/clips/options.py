@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from imapper_prob.clips.identity import Marks
 from imapper_prob.clips.parsing import load_json, numbers
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.errors import InputError
+from imapper_prob.models.errors import InputError, require_kind, require_whole
 from imapper_prob.models.scene import MEASURED_FOCAL
 from imapper_prob.models.settings import MOST_PEOPLE
 
@@ -142,6 +144,15 @@ class ClipOptions:
     def __post_init__(self) -> None:
         if self.tracker not in ("default", "paper"):
             raise InputError(f"tracker {self.tracker!r} must be default or paper")
+        for name, kind, wanted in (
+            ("format", str, "the name of a format"),
+            ("camera", CameraFile, "a CameraFile, see read_camera"),
+            ("confidence", str, "the name of a confidence map"),
+            ("marks", Marks, "Marks, see read_marks"),
+        ):
+            require_kind(name, getattr(self, name), (kind, type(None)), wanted)
+        for name in ("focal", "focal_spread", "pitch", "height", "fps"):
+            require_kind(name, getattr(self, name), (Real, type(None)), "a number")
         for name in ("focal", "height", "fps"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):
@@ -150,10 +161,13 @@ class ClipOptions:
             raise InputError(f"focal spread {self.focal_spread} must be between 0 and 1")
         if self.pitch is not None and not -90 < self.pitch < 90:
             raise InputError(f"pitch = {self.pitch} must be between -90 and 90 degrees")
-        if self.size is not None and min(self.size) < 1:
-            raise InputError(f"image size {self.size[0]} x {self.size[1]} must be positive")
-        if self.people is not None and not 1 <= self.people <= MOST_PEOPLE:
-            raise InputError(f"people = {self.people}: it may be 1 to {MOST_PEOPLE}")
+        if self.size is not None:
+            if not isinstance(self.size, Sequence) or len(self.size) != 2:
+                raise InputError(f"size = {self.size!r:.60} must be (width, height) in pixels")
+            for side in self.size:
+                require_whole("side of the image size", side, least=1)
+        if self.people is not None:
+            require_whole("people", self.people, least=1, most=MOST_PEOPLE)
         if self.camera is not None and self.focal is not None:
             raise InputError("give a camera file or a focal length, not both")
 
@@ -187,6 +201,8 @@ def read_camera(path: str | Path) -> CameraFile:
     (1920, 1080)
     """
     path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such file; name the file of a camera")
     data = _toml(path) if path.suffix == ".toml" else load_json(path)
     if not isinstance(data, dict):
         raise InputError(f"{path}: expected a table of camera entries")

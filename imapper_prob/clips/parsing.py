@@ -321,6 +321,8 @@ def load_archive(path: Path, *, what: str) -> Arrays:
                 return {key: archive[key] for key in archive.files}
     except InputError as error:
         raise InputError(f"{what} {path}: {error}") from error
+    except PermissionError as error:
+        raise InputError(f"{what} {path}: cannot be read ({error.strerror})") from error
     except Exception as error:  # numpy, zipfile, zlib and tokenize raise many kinds
         raise InputError(
             f"{what} {path}: damaged, or no .npz of plain arrays at all; make it again"

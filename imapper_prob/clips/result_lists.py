@@ -127,10 +127,11 @@ def _results(path: Path, data: list[Any]) -> list[_Entry]:
         place = f"{path}, entry {number}"
         if not isinstance(entry, dict) or "image_id" not in entry:
             raise InputError(f"{place}: no 'image_id'")
-        table = _numbers(place, entry.get("keypoints"))
+        frame = _frame(place, entry["image_id"])
+        place = f"{place}, frame {frame}"
+        table = _numbers(place, entry.get("keypoints"), 3)
         if table.size % 3:
             raise InputError(f"{place}: {table.size} numbers in 'keypoints' are no triples")
-        frame = _frame(place, entry["image_id"])
         entries.append((frame, table.reshape(-1, 3), _identity(entry)))
     return entries
 
@@ -145,18 +146,20 @@ def _instances(path: Path, data: dict[str, Any]) -> list[_Entry]:
         if not isinstance(frame, dict) or not isinstance(frame.get("instances"), list):
             raise InputError(f"{place}: no list 'instances'")
         at = _frame(place, frame.get("frame_id", number))
+        place = f"{place}, frame {at}"
         for person in frame["instances"]:
             if not isinstance(person, dict):
                 raise InputError(f"{place}: an instance is no table")
-            points = _numbers(place, person.get("keypoints"))
-            scores = _numbers(place, person.get("keypoint_scores"))
+            points = _numbers(place, person.get("keypoints"), 2)
+            scores = _numbers(place, person.get("keypoint_scores"), 1)
             if points.ndim != 2 or points.shape[1] != 2 or scores.shape != (len(points),):
                 raise InputError(f"{place}: 'keypoints' must be pairs, with a score each")
             entries.append((at, np.column_stack([points, scores]), _identity(person)))
     return entries
 
 
-def _numbers(place: str, values: Any) -> Array:
+def _numbers(place: str, values: Any, columns: int) -> Array:
+    """An array of numbers, ``columns`` of them for each keypoint."""
     try:
         table = np.array(values)
         if not isinstance(values, list) or table.dtype.kind not in "iuf":
@@ -167,9 +170,11 @@ def _numbers(place: str, values: Any) -> Array:
     fits = np.abs(table.ravel()) <= FARTHEST
     if not fits.all():
         first = int(np.argmin(fits))
+        names = KEYPOINT_SETS.get(_BEGINS_WITH.get(table.size // columns, ""), ())
+        joint = names[first // columns] if first // columns < len(names) else first // columns
         raise InputError(
-            f"{place}: number {first} of its keypoints, {table.ravel()[first]:g}, is not finite or "
-            "too far away to be a pixel; leave that person out of that frame"
+            f"{place}, keypoint {joint}: {table.ravel()[first]:g} is not finite or too far away to "
+            "be a pixel; leave that person out of that frame"
         )
     return table
 

@@ -222,7 +222,7 @@ def _depths(path: Path) -> tuple[list[int], list[float]]:
             if (frames != arrays["frame"]).any():
                 raise ValueError("a frame is no whole number")
             return frames.tolist(), arrays["depth"].astype(float).tolist()
-        with path.open(encoding="utf-8", newline="") as text:
+        with path.open(encoding="utf-8-sig", newline="") as text:
             rows = list(csv.DictReader(text))
         if not rows:
             raise ValueError("nothing is there")
@@ -231,7 +231,7 @@ def _depths(path: Path) -> tuple[list[int], list[float]]:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
     except InputError:
         raise
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
         raise InputError(
             f"{path}: must have frame (whole numbers) and depth (m), as columns of a CSV file or "
             f"arrays of an .npz ({error})"

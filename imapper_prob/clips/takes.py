@@ -46,6 +46,8 @@ def same_room(takes: Sequence[Clip]) -> Clip:
     >>> [track.name for track in together.tracks]
     ['demo', 'demo (2)']
     """
+    if not isinstance(takes, Sequence) or not all(isinstance(take, Clip) for take in takes):
+        raise InputError(f"clip = {takes!r:.60} must be a Clip, or several; read it with load_clip")
     if not takes:
         raise InputError("no take of a room is given")
     first = takes[0]
@@ -74,12 +76,16 @@ def _require_same(first: Clip, other: Clip) -> None:
         if values[0] != values[1]:
             raise InputError(
                 f"{pair}: their cameras differ, {one.name} is {values[0]:g} and {values[1]:g}; "
-                "takes of one room are by one camera that does not move"
+                "takes of one room are by one camera that does not move; repeat `detect` or "
+                "`track` with the same --camera or --focal"
             )
     for name, word in (("fps", "frames a second"), ("focal_spread", "as focal spread")):
         values = [getattr(take, name) for take in (first, other)]
         if values[0] != values[1]:
-            raise InputError(f"{pair}: {values[0]:g} and {values[1]:g} {word}; say what both have")
+            raise InputError(
+                f"{pair}: {values[0]:g} and {values[1]:g} {word}; say what both have, with --fps "
+                "or --focal-spread of the command that reads them, or of `detect` or `track`"
+            )
 
 
 def _as_long(track: Track, n_frames: int) -> Track:

@@ -92,7 +92,7 @@ def first_part(clip: Clip, part: float) -> Clip:
         return clip
     count = _count(clip.n_frames, part)
     first = int(clip.frame_ids[0])
-    return window(clip, first, first + count - 1)
+    return replace(window(clip, first, first + count - 1), truth=None)
 
 
 def truth_of_part(truth: TruthInView, part: float) -> TruthInView:

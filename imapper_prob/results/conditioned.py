@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from imapper_prob.config import SampleSettings
-from imapper_prob.models.errors import InputError
+from imapper_prob.config import MOST_STEPS, SampleSettings
+from imapper_prob.models.errors import InputError, require_whole
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import labels_of
 from imapper_prob.models.scenelet import Library
@@ -74,14 +74,18 @@ def conditioned(
         The statements are impossible for the clip, or the library is another one.
     """
     begun = time.perf_counter()
+    require_whole("workers", workers, least=1)
+    if steps is not None:
+        require_whole("steps", steps, least=1, most=MOST_STEPS)
     if not statements:
         raise InputError("no statement: name one at least")
     source, samples, clip = posterior.solution, posterior.samples, posterior.clip
     known = _full_library(posterior, library)
     before = Told(()) if posterior.told is None else posterior.told
     earlier = before.statements
-    everything = (*earlier, *statements)
     labels = labels_of(known)
+    check_statements(statements, clip, labels)
+    everything = (*earlier, *statements)
     check_statements(everything, clip, labels)
     values = statement_values(tell(source.problem, statements, clip, labels), samples.states)
     found = reweigh(values.reshape(samples.shape))

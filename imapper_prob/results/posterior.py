@@ -305,10 +305,16 @@ class Posterior(Draws):
         Parameters
         ----------
         path : path
+            Ends in ``.rrd``; an existing recording is replaced.
         video : path or Video, optional
             Images of the clip, shown behind the detections: a folder of images whose names end in
             the frame number, or a video file; see
             :func:`imapper_prob.recording.video.read_video`.
+
+        Raises
+        ------
+        InputError
+            The name has another suffix, or is that of another file of a run.
 
         Examples
         --------
@@ -317,11 +323,13 @@ class Posterior(Draws):
         >>> Path("recording.rrd").stat().st_size > 0
         True
         """
+        from imapper_prob.files import require_output
         from imapper_prob.recording.log import write_recording
         from imapper_prob.recording.posterior import drawn_chains
         from imapper_prob.recording.video import read_video
         from imapper_prob.uncertainty.summary import describe
 
+        require_output(Path(path), ".rrd", of_run="recording.rrd")
         write_recording(
             path,
             clip=self.clip,
@@ -374,14 +382,21 @@ class Posterior(Draws):
         Parameters
         ----------
         path : path
-            An existing file is replaced.
+            Ends in ``.html``; an existing file is replaced.
+
+        Raises
+        ------
+        InputError
+            The name has another suffix.
 
         Examples
         --------
         >>> posterior.report("report.html")
         """
+        from imapper_prob.files import require_output
         from imapper_prob.results.report import write_report
 
+        require_output(Path(path), ".html", of_run="report.html")
         write_report(Path(path), self)
 
     def given(

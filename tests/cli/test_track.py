@@ -52,7 +52,7 @@ def test_info_on_keypoints(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     ("arguments", "message"),
     [
         (["track", "nowhere", "-o", "clip.npz"], "no such file"),
-        (["track", "nowhere", "-o", "clip.json"], "ends in .npz"),
+        (["track", "nowhere", "-o", "clip.json"], "must end in .npz"),
         (["track", "nowhere", "-o", "no/folder/clip.npz"], "there is no folder"),
         (["track", "no", "-o", "a.npz", "--picture", "a.foo"], "a.foo: a picture's name ends in"),
         (["detect", "no.mp4", "-o", "a.npz", "--picture", "b/a.png"], "there is no folder b"),

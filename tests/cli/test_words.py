@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -13,6 +15,7 @@ import pytest
 
 import imapper_prob
 from imapper_prob.cli import main
+from imapper_prob.cli.console import print_lines
 from imapper_prob.cli.main import command_parser
 from imapper_prob.cli.parser import commands_of
 from imapper_prob.results.load import load_posterior
@@ -184,3 +187,70 @@ def test_help_loads_nothing_heavy() -> None:
         [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert set(done.stdout.split()) & HEAVY == set()
+
+
+def test_what_the_system_refuses_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "locked.npz"
+    path.write_bytes(b"PK")
+    files = Path.open
+
+    def locked(self: Path, *arguments: object, **more: object) -> object:
+        if self == path:
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(self))
+        return files(self, *arguments, **more)
+
+    monkeypatch.setattr(Path, "open", locked)
+    for name in (str(path), "n" * 300):
+        assert main(["info", name]) == 2
+        told = capsys.readouterr().err
+        assert told.startswith(f"imapper-prob: {name}: cannot be read or written (")
+        assert told.count("\n") == 1
+    with pytest.raises(PermissionError):
+        main(["info", str(path), "--debug"])
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no full device here")
+def test_a_full_disk_behind_the_output_is_one_line() -> None:
+    command = [sys.executable, "-m", "imapper_prob.cli", "completion", "bash"]
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, cwd=ROOT)
+    assert ended.returncode == 2
+    assert "No space left" in ended.stderr
+    assert ended.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [(["--fps", "10"], "fps"), (["--size", "3x3"], "size"), (["--frames", "1:2"], "frames"),
+     (["--camera", "x"], "camera"), (["--tracker", "paper"], "tracker")],
+)  # fmt: skip
+def test_options_of_clips_are_refused_for_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], word: str
+) -> None:
+    (tmp_path / "scenes.json").touch()
+    assert main(["info", str(tmp_path), *options]) == 2
+    assert f"is a run; --{word} is for a clip" in capsys.readouterr().err
+
+
+def test_info_names_what_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(tmp_path / "nothere.npz")]) == 2
+    assert capsys.readouterr().err.endswith("nothere.npz: no such file or folder\n")
+    assert main(["info", str(tmp_path)]) == 2
+    assert "is neither the folder of a run nor a clip" in capsys.readouterr().err
+
+
+def test_a_document_is_printed_even_if_quiet(
+    run_of_demo: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["info", str(run_of_demo), "--json", "--quiet"]) == 0
+    assert json.loads(capsys.readouterr().out)["run"]["folder"] == str(run_of_demo)
+    assert main(["completion", "bash", "--quiet"]) == 0
+    assert "complete -o filenames" in capsys.readouterr().out
+
+
+def test_commands_to_copy_are_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    command = f"imapper-prob view '{'a folder ' * 30}'"
+    print_lines(command)
+    assert capsys.readouterr().out == f"{command}\n"

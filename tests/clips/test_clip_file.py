@@ -13,8 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import imapper_prob as im
 from imapper_prob.clips.clip_file import clip_of, pack_clip, read_clip, write_clip
 from imapper_prob.clips.i3db import read_i3db, read_i3db_truth
+from imapper_prob.clips.load import window
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Cuboid, Placement, SceneObject, Track, Truth
@@ -193,15 +195,15 @@ FAULTS: dict[str, tuple[Callable[[Arrays], object], str]] = {
     ),
     "confidence above one": (
         lambda a: a["confidences"].__setitem__((0, 3, 9), 1.5),
-        "track hall, frame 3, joint HEAD: confidence 1.5",
+        "track hall, frame 4, joint HEAD: confidence 1.5",
     ),
     "detection without a place": (
         lambda a: a["keypoints"].__setitem__((0, 3, 9), np.nan),
-        "track hall, frame 3, joint HEAD: a confidence but no finite position",
+        "track hall, frame 4, joint HEAD: a confidence but no finite position",
     ),
     "half a pose": (
         lambda a: a["poses"].__setitem__((0, 2, 0), np.nan),
-        "track hall, frame 2, joint RANK: pose is not finite",
+        "track hall, frame 3, joint RANK: pose is not finite",
     ),
     "frames that jump": (
         lambda a: a["frame_ids"].__setitem__(-1, 99),
@@ -290,3 +292,30 @@ def test_pickled_objects_are_never_loaded(tmp_path: Path) -> None:
     np.savez(path, format=np.array([{"a": 1}], dtype=object))
     with pytest.raises(InputError, match=r"not a readable \.npz archive"):
         read_clip(path)
+
+
+def test_a_fault_is_at_the_number_of_its_frame(tmp_path: Path) -> None:
+    arrays = pack_clip(read_i3db(I3dbFolder().write(tmp_path / "hall")))
+    arrays["frame_ids"] = arrays["frame_ids"] - arrays["frame_ids"][0] + 100
+    arrays["poses"][0, 5, 0] = 98.0
+    with pytest.raises(InputError, match="frame 105, joint RANK: its pose has it 98 m from"):
+        clip_of(arrays, Path("hall.npz"))
+
+
+def test_a_part_of_a_clip_has_its_part_of_the_truth() -> None:
+    clip = im.demo_clip()
+    assert clip.truth is not None
+    both = replace(clip, truth=replace(
+        clip.truth,
+        joints=np.concatenate([clip.truth.joints, clip.truth.joints + 1]),
+        hidden=np.concatenate([clip.truth.hidden, clip.truth.hidden]),
+        actions=tuple(str(row) for row in range(260)),
+    ))  # fmt: skip
+    for whole, rows in ((clip, [*range(20, 50)]), (both, [*range(20, 50), *range(150, 180)])):
+        part = window(whole, 20, 49)
+        assert part.truth is not None
+        assert whole.truth is not None
+        assert same(part.truth.joints, whole.truth.joints[rows])
+        assert same(part.truth.hidden, whole.truth.hidden[rows])
+        assert len(part.truth.actions) == len(rows)
+    assert part.truth.actions[30] == "150"

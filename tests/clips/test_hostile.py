@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +83,7 @@ def test_a_keypoint_beyond_reason_is_named(tmp_path: Path) -> None:
     entries = bodies.results("coco_17")
     entries[3]["keypoints"][3] = 1e90
     path = bodies.write_json(tmp_path / "results.json", entries)
-    with pytest.raises(InputError, match=r"entry 3: number 3 of its keypoints, 1e\+90, is not"):
+    with pytest.raises(InputError, match=r"entry 3, frame 3, keypoint left_eye: 1e\+90 is not"):
         load_clip(path, options=options)
 
 
@@ -108,3 +111,54 @@ def test_a_long_clip_is_read(tmp_path: Path) -> None:
     clip = read_whatever(path, ClipOptions(size=(640, 480), fps=10.0))
     assert clip.n_frames == 1801
     assert np.isnan(clip.tracks[0].keypoints[1000]).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        (
+            "film_000000000000_keypoints.json",
+            '{"people": [',
+            "film_000000000000_keypoints.json: not",
+        ),
+        ("a_meta_99.json", "{}", "a_meta_99.json: no list 'people'"),
+    ],
+)
+def test_a_bad_file_among_those_of_openpose_is_named(
+    tmp_path: Path, name: str, content: str, words: str
+) -> None:
+    folder = bodies.write_openpose(tmp_path / "film", "body_25")
+    (folder / "._film_000000000001_keypoints.json").write_bytes(b"\x00\x05")
+    load = partial(read_whatever, folder, ClipOptions(size=bodies.SIZE, fps=10.0, focal=600.0))
+    assert load().n_frames == bodies.N_FRAMES
+    (folder / name).write_text(content)
+    with pytest.raises(InputError, match=words):
+        load()
+
+
+def test_scores_in_percent_are_refused_unless_they_are_explained(tmp_path: Path) -> None:
+    folder = bodies.write_openpose(tmp_path / "film", "body_25")
+    for file in folder.iterdir():
+        data = json.loads(file.read_text())
+        data["people"][0]["pose_keypoints_2d"][2::3] = [70.0] * 25
+        bodies.write_json(file, data)
+    options = ClipOptions(size=bodies.SIZE, fps=10.0, focal=600.0)
+    with pytest.raises(InputError, match="film: film, frame 0, joint RANK: score 70; scores of"):
+        read_whatever(folder, options)
+    told = read_whatever(folder, replace(options, confidence="0:0,100:1"))
+    assert told.tracks[0].confidences.max() == pytest.approx(0.7)
+
+
+def test_a_landmark_that_is_not_finite_is_named(tmp_path: Path) -> None:
+    dump = bodies.landmarks()
+    dump["frames"][4]["landmarks"][0]["x"] = float("nan")
+    path = bodies.write_json(tmp_path / "dump.json", dump)
+    with pytest.raises(InputError, match=r"dump.json, frame 4, landmark nose: x is not finite"):
+        read_whatever(path, ClipOptions())
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes here")
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="is a pipe or device"):
+        load_clip(tmp_path / "pipe")

@@ -136,3 +136,20 @@ def test_faulty_npz(
     np.savez(tmp_path / "walk.npz", **{**content, **entries})
     with pytest.raises(InputError, match=message):
         read_whatever(tmp_path / "walk.npz", ClipOptions())
+
+
+def test_a_joint_too_far_away_is_named(tmp_path: Path, rng: np.random.Generator) -> None:
+    points = joints(rng)
+    points[3, LWRI] = 1e8
+    write_trc(tmp_path / "walk.trc", points, JOINTS)
+    with pytest.raises(InputError, match="line 9, frame 4, marker LWRI: a coordinate is infinite"):
+        read_whatever(tmp_path / "walk.trc", ClipOptions(camera=CAMERA))
+    camera = {"fps": 30.0, "matrix": CAMERA.matrix, "size": [640, 480]}
+    np.savez(tmp_path / "walk.npz", joints=points, **camera)
+    with pytest.raises(InputError, match=r"walk.npz: person 0, frame 3, joint LWRI: a coordinate"):
+        read_whatever(tmp_path / "walk.npz", ClipOptions())
+    sure = np.full((10, N_JOINTS), 0.5)
+    sure[2, HEAD] = 1.5
+    np.savez(tmp_path / "sure.npz", joints=joints(rng), confidences=sure, **camera)
+    with pytest.raises(InputError, match="person 0, frame 2, joint HEAD: confidence"):
+        read_whatever(tmp_path / "sure.npz", ClipOptions())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -10,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from imapper_prob.cli import main
-from imapper_prob.clips.load import load_clip, write_clip
+from imapper_prob.clips.load import ClipOptions, load_clip, read_camera, write_clip
+from imapper_prob.clips.parsing import load_archive
 from imapper_prob.models.errors import InputError
 from tests.clips.i3db_folder import FRAMES, I3dbFolder
 
@@ -102,3 +104,28 @@ def test_no_frame_with_both_joint_and_pose(tmp_path: Path) -> None:
     files.lifted["3d"] = {"00005": files.lifted["3d"]["00005"]}
     with pytest.raises(InputError, match=r"Hall: track hall has no frame with both"):
         load_clip(files.write(tmp_path / "Hall"))
+
+
+def test_options_of_a_clip_file_belong_to_the_command_that_made_it(tmp_path: Path) -> None:
+    folder = I3dbFolder().write(tmp_path / "Hall")
+    write_clip(tmp_path / "hall.npz", load_clip(folder))
+    with pytest.raises(InputError, match="has its own focal; give the option to the command that"):
+        load_clip(tmp_path / "hall.npz", options=ClipOptions(focal=900.0))
+    with pytest.raises(InputError, match="has its own focal; leave the option out"):
+        load_clip(folder, options=ClipOptions(focal=900.0))
+
+
+def test_what_cannot_be_opened_is_said_to_be_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(InputError, match=r"nothere: no such file; name the file of a camera"):
+        read_camera(tmp_path / "nothere")
+    path = tmp_path / "library.npz"
+    path.touch()
+
+    def locked(*_: object) -> None:
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr(Path, "open", locked)
+    with pytest.raises(InputError, match=r"library.npz: cannot be read \(Permission denied\)"):
+        load_archive(path, what="library")

@@ -231,7 +231,7 @@ def test_depths_are_read_from_arrays_too(tmp_path: Path) -> None:
             "has a value that is none",
         ),
         ('[[behind]]\nlabel = "couch"', "behind 1: has no 'before'"),
-        ('[[behind]]\nlabel = "couch"\nbefore = 3', "has a value that is none"),
+        ('[[behind]]\nlabel = "couch"\nbefore = 3', "labels 3 must be a label or some"),
         ('[[depth]]\nerror = 0.1\nfile = "no.csv"', "no.csv: cannot be read"),
         ('[[depth]]\nerror = 0.1\nfile = "boxes.json"', "must have frame"),
         ('[[detections]]\nfile = "no.json"\nframe = 1\nlabels = {}', "no.json: cannot be read"),
@@ -284,3 +284,19 @@ def test_results_that_are_none_are_refused_by_number(tmp_path: Path) -> None:
 def test_a_missing_file_is_named() -> None:
     with pytest.raises(im.InputError, match=r"nowhere.toml: cannot be read"):
         im.read_statements("nowhere.toml")
+
+
+def test_depths_with_a_mark_of_byte_order_are_read(tmp_path: Path) -> None:
+    (tmp_path / "given.toml").write_text("[[depth]]\nfile = 'depth.csv'\nerror = 0.05\n")
+    (tmp_path / "depth.csv").write_text("\ufeffframe,depth\n3,2.5\n", encoding="utf-8")
+    (said,) = im.read_statements(tmp_path / "given.toml")
+    assert said.frames == (3,)  # type: ignore[union-attr]
+    (tmp_path / "depth.csv").write_text(f"frame,depth\n3,{'9' * 200_000}\n", encoding="utf-8")
+    with pytest.raises(im.InputError, match=r"depth.csv: must have frame .*field larger"):
+        im.read_statements(tmp_path / "given.toml")
+
+
+def test_a_label_that_is_none_is_named(tmp_path: Path) -> None:
+    (tmp_path / "given.toml").write_text("[[present]]\nlabel = 5\n")
+    with pytest.raises(im.InputError, match="present 1: labels 5 must be a label"):
+        im.read_statements(tmp_path / "given.toml")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from argparse import Namespace
 from concurrent.futures import Executor, Future
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.cli import main
+from imapper_prob.cli.evaluate import _require_files_of_methods
 from imapper_prob.clips.load import load_clip, write_clip
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.evaluate.i3db import read_authors
@@ -176,3 +178,16 @@ def test_the_page_has_every_table(suite: Path, capsys: pytest.CaptureFixture[str
     assert (authors["found"], authors["spurious"]) == (15, 9)
     for name in ("Scene04.png", "Scene14.png"):
         assert (suite / name).stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("option", ["predictions", "detections", "depths"])
+def test_a_folder_without_files_of_the_scenes_is_refused(tmp_path: Path, option: str) -> None:
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / "Scene04.json").touch()
+    said = Namespace(**dict.fromkeys(["predictions", "detections", "depths"]))
+    setattr(said, option, tmp_path / "theirs")
+    with pytest.raises(InputError, match=rf"--{option} .*theirs: has no file of any scene"):
+        _require_files_of_methods(said, [tmp_path / "i3db" / "Scene04"])
+    (tmp_path / "theirs" / "Scene04").mkdir()
+    (tmp_path / "theirs" / "Scene04" / f"a.{'npz' if option == 'depths' else 'json'}").touch()
+    _require_files_of_methods(said, [tmp_path / "i3db" / "Scene04"])

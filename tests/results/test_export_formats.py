@@ -205,8 +205,35 @@ def test_what_cannot_be_exported_is_said(
     arguments: list[str],
     words: str,
 ) -> None:
-    assert main(["export", str(folder), "-o", str(tmp_path / "x"), *arguments]) == 2
+    output = tmp_path / f"x.{arguments[1]}"
+    assert main(["export", str(folder), "-o", str(output), *arguments]) == 2
     assert words in capsys.readouterr().err
-    assert not (tmp_path / "x").exists()
+    assert not output.exists()
     assert main(["export", str(folder), "--format", "glb", "-o", str(tmp_path)]) == 2
     assert "is a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "name", "told"),
+    [
+        (["export", "--format", "glb"], "posterior.nc", "must end in .glb"),
+        (["export", "--format", "json"], "scenes.json", "is a file of the run"),
+        (["export", "--format", "glb"], "scenes/scene_1.glb", "is a file of the run"),
+        (["record"], "posterior.nc", "must end in .rrd"),
+    ],
+)
+def test_no_file_of_a_run_is_replaced_by_another_form(
+    folder: Path, capsys: pytest.CaptureFixture[str], words: list[str], name: str, told: str
+) -> None:
+    before = (folder / name).read_bytes(), (folder / "manifest.json").read_bytes()
+    assert main([words[0], str(folder), *words[1:], "-o", str(folder / name)]) == 2
+    assert told in capsys.readouterr().err
+    assert before == ((folder / name).read_bytes(), (folder / "manifest.json").read_bytes())
+
+
+def test_a_recording_and_a_report_have_names_of_their_kind(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="must end in"):
+        posterior().record(tmp_path / "clip.npz")
+    with pytest.raises(InputError, match="must end in"):
+        posterior().report(tmp_path / "clip.npz")
+    assert list(tmp_path.iterdir()) == []
