@@ -46,4 +46,4 @@ def test_a_run_of_the_demo_explains_itself(
 
 def test_what_is_no_run_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", "--energy", str(tmp_path)]) == 2
-    assert "cannot be read" in error_of(capsys)
+    assert "is neither the folder of a run nor a clip" in error_of(capsys)

@@ -332,7 +332,7 @@ def test_overwrite_goes_on_with_its_own_checkpoints_and_drops_those_of_others(
 @pytest.mark.parametrize(
     ("option", "words"),
     [
-        (["--seed", "-1"], "seed = -1 must not be negative"),
+        (["--seed", "-1"], "seed = -1 must be at least 0"),
         (["--pitch", "89"], "a camera of pitch 89"),
         (["--camera-height", "1e9"], "m above the floor"),
         (["--focal", "1e12"], "focal length fx"),
