@@ -14,17 +14,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from imapper_prob.clips.parsing import field, load_json, numbers
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import BONES, LHIP, LSHO, RHIP, RSHO
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["Mark", "Marks", "read_marks", "rows_of_marks", "track_figure"]
 
@@ -174,6 +176,8 @@ def track_figure(clip: Clip) -> Figure:
     -------
     matplotlib.figure.Figure
     """
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(9, 7), layout="constrained")
     image, time = figure.subplots(2, 1, height_ratios=(5, 1))
     for index, track in enumerate(clip.tracks):

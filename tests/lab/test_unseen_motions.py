@@ -184,6 +184,6 @@ def test_the_page_counts_and_says_why() -> None:
     assert "| all | 3 | 2 | 2 | 0.75 | 2 |" in lines
     assert "| squat | with it | 1 | 1 | 1 | 1.00 |" in lines
     assert "| squat | without it | 1 | 0 | 0 | 0.00 |" in lines
-    wrong = [line for line in lines if "layout +3.0" in line]
+    wrong = [line for line in lines if "assignment +3.0" in line]
     assert [line.split(" | ")[0] for line in wrong] == ["| sit 1, without it", "| squat 0, with it"]
     assert all("28–60: 9.0 | sit-stool-004 30 | nothing | +3.0" in line for line in wrong)

@@ -90,7 +90,7 @@ def test_the_file_is_plain_json_with_units_and_frames(tmp_path: Path) -> None:
 
     text = (tmp_path / "scenes.json").read_text(encoding="utf-8")
     document = json.loads(text, parse_constant=refuse)
-    assert document["version"] == 2
+    assert document["version"] == 3
     assert document["units"] == {"length": "metre", "angle": "radian", "image": "pixel"}
     assert set(document["frames"]) == {"world", "object"}
     (scene,) = document["scenes"]

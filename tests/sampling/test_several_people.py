@@ -215,7 +215,7 @@ def test_every_file_has_everybody(folder: Path, tmp_path: Path) -> None:
     assert_allclose(first_pose, to_benchmark(scene.camera, scene.joints[N_FRAMES, PELV]))
 
     columns = read(folder / "recording.rrd")
-    for name in "AB":
+    for name in ("1\\ A", "2\\ B"):
         poses = columns[f"/world/scene_1/{name}/person", "Points3D:positions"]
         assert set(frames.tolist()) <= set(poses)
         assert (f"/world/camera/image/reprojection/{name}", "Points2D:positions") in columns

@@ -120,7 +120,7 @@ def test_no_number_is_refused_by_the_name_of_the_move() -> None:
     moves = moves._replace(reference=moves.reference._replace(similar_to=back), weights=only)
     state = empty_state(PROBLEM).with_item(0, 4, np.array([0.1, 4.0, 0.3]))
     walker = Walker(PROBLEM, moves, state)
-    with pytest.raises(FloatingPointError, match="move 'exchange'"):
+    with pytest.raises(FloatingPointError, match="move 'replace'"):
         walker.advance(np.random.default_rng(0), 1.0, 200)
 
 
