@@ -215,7 +215,8 @@ def test_every_file_has_everybody(folder: Path, tmp_path: Path) -> None:
     assert_allclose(first_pose, to_benchmark(scene.camera, scene.joints[N_FRAMES, PELV]))
 
     columns = read(folder / "recording.rrd")
-    for name in ("1\\ A", "2\\ B"):
+    names = ("1\\ A", "2\\ B")
+    for name in names:
         poses = columns[f"/world/scene_1/{name}/person", "Points3D:positions"]
         assert set(frames.tolist()) <= set(poses)
         assert (f"/world/camera/image/reprojection/{name}", "Points2D:positions") in columns
@@ -224,7 +225,8 @@ def test_every_file_has_everybody(folder: Path, tmp_path: Path) -> None:
             columns[f"/world/truth/{name}/person", "Points3D:positions"]
         )
     first, second_place = (
-        np.array(columns[f"/world/scene_1/{n}/person", "Points3D:positions"][0])[PELV] for n in "AB"
+        np.array(columns[f"/world/scene_1/{n}/person", "Points3D:positions"][0])[PELV]
+        for n in names
     )
     assert first[0] < -0.3 < 0.3 < second_place[0]
 
