@@ -312,6 +312,8 @@ def information(
     bits, error : float
         The error is NaN if chains are too short.
     """
+    if densities.shape == (layouts.size, layouts.size):
+        np.fill_diagonal(densities := densities.copy(), 0.0)
     gained = _gained(layouts.ravel(), densities)
     gained = gained - np.mean(
         [_gained(moved.ravel(), densities) for moved in shifted(layouts, rng)], axis=0
@@ -343,15 +345,18 @@ def shifted(layouts: Ints, rng: np.random.Generator) -> list[Ints]:
 
 
 def _gained(layouts: Ints, densities: Array) -> Array:
-    """(C N,) bits that the answer of each draw tells, before correction; their mean is biased."""
+    """(C N,) bits that the answer of each draw tells, before correction; their mean is biased.
+
+    The diagonal of densities (C N, C N) is 0.
+    """
     count = layouts.size
     _, member = np.unique(layouts, return_inverse=True)
     size = np.bincount(member)[member]
     if densities.shape == (count, count):
         # Row m: densities of the answer of draw m under the draws.
-        np.fill_diagonal(densities := densities.copy(), 0.0)
         of_all = densities.sum(1) / (count - 1)
-        same = np.array([densities[m, member == member[m]].sum() for m in range(count)])
+        of_layouts = densities @ np.eye(member.max() + 1)[member]
+        same = of_layouts[np.arange(count), member]
         # No draw but the one that gives the answer may agree with it: that tells nothing.
         told = of_all > 0
         gained = np.zeros(count)
