@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -320,7 +320,8 @@ def _solutions(
     """
     found: Any = start.actors if isinstance(start, Solved) else start
     found = (found,) if isinstance(found, Solution) else found
-    if isinstance(found, str) or not isinstance(found, Sequence) or not found:
+    found = tuple(found) if isinstance(found, Iterable) else ()
+    if not found:
         raise InputError(f"start = {start!r:.60} must be the result of solve")
     for solution in found:
         require_kind("start", solution, Solution, "the result of solve")

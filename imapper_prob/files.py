@@ -339,7 +339,7 @@ def require_output(path: Path, suffix: str, *, of_run: str = "") -> None:
     """
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a file")
-    if path.suffix.lower() != suffix:
+    if path.suffix != suffix:
         raise InputError(f"{path}: the name must end in {suffix}")
     absolute = path.absolute()
     for folder in absolute.parents[:2]:

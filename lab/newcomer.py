@@ -59,7 +59,7 @@ MISTAKES: Final = (
     ("demo -o out/demo", "go on with"),
     ("demo -o mine", "notes.txt"),
     ("demo -o out/x --workers 0", "at least 1"),
-    ("demo -o out/x --seed -1", "must not be negative"),
+    ("demo -o out/x --seed -1", "must be at least 0"),
     ("demo -o out/x --steps many", "invalid int value"),
     ("info nowhere", "nowhere"),
     ("view nowhere", "nowhere"),

@@ -55,6 +55,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 raise
             sys.stderr.write(f"imapper-prob: {readable(str(error))}\n")
             return 2
+        except BrokenPipeError:  # the reader of the output, such as head, has enough
+            _drop_output()
+            return 0
         except OSError as error:
             if options.debug:
                 raise

@@ -440,6 +440,12 @@ def _info(options: argparse.Namespace) -> None:
                 raise InputError(f"{options.folder}: is a clip; --{name} is for a run")
         _show_clip(options)
         return
+    from imapper_prob.results.folders import CHECKPOINTS
+
+    if (options.folder / CHECKPOINTS).is_dir() and not is_run(options.folder):
+        raise InputError(
+            f"{options.folder}: holds an unfinished run; give the command of the run again to go on"
+        )
     if not is_run(options.folder):
         raise InputError(f"{options.folder}: is neither the folder of a run nor a clip")
     for name in clip_options_said(options):

@@ -262,7 +262,7 @@ def _require_scores(sightings: RawDetections, scores: Array) -> None:
     """Refuse scores in another unit, such as percent, than the default map of the format."""
     for row, joint in np.argwhere(scores > _HIGHEST_SCORE)[:1]:
         raise InputError(
-            f"{sightings.name}, frame {sightings.frames[row]}, joint {JOINTS[joint]}: score "
+            f"frame {sightings.frames[row]}, joint {JOINTS[joint]}: score "
             f"{scores[row, joint]:g}; scores of this format are in [0, 1]. Say what others mean, "
             "such as --confidence-map 0:0,30:0.5,100:0.95"
         )

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import zipfile
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -404,7 +403,7 @@ def read_frames(
     path, options = Path(path), ClipOptions() if options is None else options
     require_kind("options", options, ClipOptions, "ClipOptions")
     if frames is not None:
-        if not isinstance(frames, Sequence) or len(frames) != 2:
+        if np.shape(frames) != (2,):
             raise InputError(f"frames = {frames!r:.60} must be (first, last)")
         for frame in frames:
             require_whole("frame", frame, least=-(2**63))

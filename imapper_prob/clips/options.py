@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import tomllib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -162,7 +161,7 @@ class ClipOptions:
         if self.pitch is not None and not -90 < self.pitch < 90:
             raise InputError(f"pitch = {self.pitch} must be between -90 and 90 degrees")
         if self.size is not None:
-            if not isinstance(self.size, Sequence) or len(self.size) != 2:
+            if np.shape(self.size) != (2,):
                 raise InputError(f"size = {self.size!r:.60} must be (width, height) in pixels")
             for side in self.size:
                 require_whole("side of the image size", side, least=1)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import json
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -251,8 +252,10 @@ def _seen(entry: dict[str, Any], folder: Path) -> Statement:
             "labels must be a table: of each label of the detector, by name or number, the "
             "library's label, or a table of these with the probability that it is called so"
         )
+    # Categories that are plain names of one label share it.
+    plain = Counter(row for row in names.values() if isinstance(row, str))
     rows = {
-        str(category): {row: 1.0} if isinstance(row, str) else dict(row)
+        str(category): {row: 1 / plain[row]} if isinstance(row, str) else dict(row)
         for category, row in names.items()
     }
     found, confusion = [], []

@@ -387,7 +387,7 @@ class Posterior(Draws):
         Raises
         ------
         InputError
-            The name has another suffix.
+            The name has another suffix, or is that of another file of a run.
 
         Examples
         --------

@@ -378,9 +378,13 @@ def _diagnostics(posterior: Posterior) -> str:
         for number, ladder in enumerate(samples.ladders, 1)
         if ladder.swap_rates and math.isfinite(ladder.barrier)
     ]
+    evidence = None if posterior.told is None else posterior.told.evidence
+    weighted = evidence is not None and evidence.method == "reweighted"
     chains = plot(
         "chains",
-        chains_plot(samples.traces, unused=samples.unused(posterior.config.sample)),
+        chains_plot(
+            samples.traces, unused=samples.unused(posterior.config.sample, weighted=weighted)
+        ),
         alt="Log-posterior of every chain over the run",
         proportion=2.6,
     )

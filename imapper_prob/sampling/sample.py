@@ -129,13 +129,15 @@ class Samples:
         done = burn_in_of(settings) + kept
         return done if self.finished else block_end(settings, done - 1)
 
-    def unused(self, settings: SampleSettings) -> int:
+    def unused(self, settings: SampleSettings, *, weighted: bool = False) -> int:
         """Number of values of each trace from before the first draw: burn-in and draws left out.
 
         Parameters
         ----------
         settings : SampleSettings
             Those of the run.
+        weighted : bool
+            Whether the draws were chosen by weight, so that missing ones are not the first.
 
         Returns
         -------
@@ -144,7 +146,7 @@ class Samples:
         """
         rounds = burn_in_of(settings) + min(ladder.rounds for ladder in self.ladders)
         draws, trace = draws_of(settings), trace_of(settings)
-        left_out = max(draws.kept(rounds) - self.shape[1], 0)
+        left_out = 0 if weighted else max(draws.kept(rounds) - self.shape[1], 0)
         first = draws.at(left_out * draws.stride(rounds))
         before: int = min(-(-trace.count(first) // trace.stride(rounds)), self.traces.shape[1])
         return before

@@ -247,7 +247,7 @@ def test_depths_are_read_from_arrays_too(tmp_path: Path) -> None:
         ),
         (
             '[[detections]]\nfile = "boxes.json"\nframe = 17\n'
-            'labels = { 62 = "chair", 63 = "chair" }',
+            'labels = { 62 = "chair", 63 = { chair = 1.0 } }',
             "detections 1: labels: a chair is called by one of them with probability 2",
         ),
     ],
@@ -272,6 +272,17 @@ def test_images_and_categories_are_known_by_number_or_text(
     (said,) = im.read_statements(path)
     assert isinstance(said, im.Seen)
     assert said.boxes == ((1, 2, 4, 6),)
+    assert said.named == {"chair": 1.0}
+
+
+def test_categories_of_one_name_share_its_label(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        '[[detections]]\nfile = "boxes.json"\nframe = 17\nlabels = { 62 = "chair", 13 = "chair" }',
+    )
+    (said,) = im.read_statements(path)
+    assert isinstance(said, im.Seen)
+    assert said.named == {"chair": 1.0}
 
 
 def test_results_that_are_none_are_refused_by_number(tmp_path: Path) -> None:

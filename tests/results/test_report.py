@@ -229,6 +229,9 @@ def test_the_trace_is_grey_up_to_the_first_draw() -> None:
     burn_in = burn_in_of(settings)
     unused = samples.unused(settings)
     assert unused == sum(r < burn_in for r in rounds)
+    # Draws that are chosen by weight are fewer, but not the last ones.
+    fewer = replace(samples, log_posterior=samples.log_posterior[:, :5])
+    assert fewer.unused(settings, weighted=True) == unused < fewer.unused(settings)
 
     # The trace of an interrupted run ends early, and its burn-in is as long as planned.
     left = 10

@@ -165,7 +165,7 @@ def test_states_of_any_size_are_packed_and_unpacked(items):
             np.testing.assert_array_equal(one[name], other[name], strict=True)
 
 
-def test_a_keeper_writes_when_it_is_due(tmp_path, monkeypatch):
+def test_a_checkpointer_writes_when_it_is_due(tmp_path, monkeypatch):
     clock = iter((100.0, 101.0, 104.9, 105.0, 105.1, 109.9, 112.0, 112.1))
     monkeypatch.setattr(checkpoint.time, "monotonic", clock.__next__)
     checkpointer = Checkpointer(tmp_path / "chain-0.npz", identity="a", every_seconds=5.0)
