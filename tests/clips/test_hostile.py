@@ -143,7 +143,7 @@ def test_scores_in_percent_are_refused_unless_they_are_explained(tmp_path: Path)
         data["people"][0]["pose_keypoints_2d"][2::3] = [70.0] * 25
         bodies.write_json(file, data)
     options = ClipOptions(size=bodies.SIZE, fps=10.0, focal=600.0)
-    with pytest.raises(InputError, match="film: film, frame 0, joint RANK: score 70; scores of"):
+    with pytest.raises(InputError, match="film: frame 0, joint RANK: score 70; scores of"):
         read_whatever(folder, options)
     told = read_whatever(folder, replace(options, confidence="0:0,100:1"))
     assert told.tracks[0].confidences.max() == pytest.approx(0.7)
