@@ -260,7 +260,6 @@ def sample(
         source = solutions[0] if len(solutions) == 1 else join_actors(solutions)
         bare = source.problem
         if given:
-            check_statements(given, source.clip, labels)
             source = with_statements(source, tell(bare, given, source.clip, labels))
         ready = time.perf_counter()
         samples = sample_scenes(

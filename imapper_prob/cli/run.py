@@ -430,6 +430,8 @@ def _show_alarms(checks: Iterable[Check]) -> None:
 
 
 def _info(options: argparse.Namespace) -> None:
+    from imapper_prob.results.folders import CHECKPOINTS
+
     if options.energy and options.json:
         raise InputError("--energy prints a table, and --json one document; choose one")
     if not options.folder.exists():
@@ -440,8 +442,6 @@ def _info(options: argparse.Namespace) -> None:
                 raise InputError(f"{options.folder}: is a clip; --{name} is for a run")
         _show_clip(options)
         return
-    from imapper_prob.results.folders import CHECKPOINTS
-
     if (options.folder / CHECKPOINTS).is_dir() and not is_run(options.folder):
         raise InputError(
             f"{options.folder}: holds an unfinished run; give the command of the run again to go on"

@@ -7,16 +7,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.table import Table
 from scipy.optimize import linear_sum_assignment
 
+from imapper_prob.files import without_nan
 from imapper_prob.layouts import group_of
 from imapper_prob.models.skeleton import REFERENCE_STATURE
 from imapper_prob.results.posterior import Posterior
-from imapper_prob.sampling.conditioning import Evidence, Told
+from imapper_prob.sampling.conditioning import Told
 from imapper_prob.uncertainty.clusters import ObjectCluster
 
 __all__ = ["Change", "change_table", "changes", "write_changes"]
@@ -188,20 +188,12 @@ def write_changes(path: Path, found: Sequence[Change], told: Told | None) -> Non
     found : sequence of Change
     told : Told, optional
     """
-    evidence = None if told is None or told.evidence is None else _row(told.evidence)
+    evidence = None if told is None or told.evidence is None else asdict(told.evidence)
     document = {
         "format": _FORMAT,
         "given": "" if told is None else told.text,
         "evidence": evidence,
-        "changes": [_row(change) for change in found],
+        "changes": [asdict(change) for change in found],
     }
-    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(without_nan(document), indent=1, ensure_ascii=False, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
-
-
-def _row(record: Change | Evidence) -> dict[str, Any]:
-    """The fields of a record, NaN as None, because JSON has no NaN."""
-    return {
-        name: None if isinstance(value, float) and math.isnan(value) else value
-        for name, value in asdict(record).items()
-    }

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import binom, chi2, norm
 
+from imapper_prob.files import without_nan
 from imapper_prob.models.calibrated import calibrated, constants
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.detector import student_t
@@ -540,11 +541,7 @@ def to_json(checks: Iterable[Check]) -> str:
     -------
     str
     """
-    rows = [
-        {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(c).items()}
-        for c in checks
-    ]
-    return json.dumps(rows, allow_nan=False)
+    return json.dumps(without_nan([asdict(check) for check in checks]), allow_nan=False)
 
 
 def from_json(text: str) -> tuple[Check, ...]:
