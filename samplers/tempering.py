@@ -100,12 +100,15 @@ class Walker(Protocol[S]):
         The constructor is that of the class.
     """
 
-    def __call__(self, state: S, /) -> Parts:
+    def __call__(self, state: S, beta: float = 0.0, least: float = -math.inf, /) -> Parts:
         """Evaluate the log density of a state without moving the chain.
 
         Parameters
         ----------
         state : S
+        beta, least : float
+            A walker may end early, with a log density of -inf, if the log density at this inverse
+            temperature is less.
 
         Returns
         -------
@@ -376,8 +379,8 @@ class KernelWalker(Generic[S]):
     def __init__(self, target: Target[S], kernel: Kernel[S], state: S) -> None:
         self._target, self._kernel, self._state = target, kernel, state
 
-    def __call__(self, state: S) -> Parts:
-        """Evaluate the log density of ``state``."""
+    def __call__(self, state: S, beta: float = 0.0, least: float = -math.inf) -> Parts:
+        """Evaluate the log density of ``state``, whatever is needed."""
         return self._target(state)
 
     def move(self, state: S) -> None:
@@ -504,13 +507,15 @@ def _crossed(
     if proposal is None:
         return list(pair), StepInfo("crossover", False, -math.inf)
     *states, log_ratio = proposal
-    new = [
-        ChainState(state, walker(state).at(beta))
-        for state, walker, beta in zip(states, walkers, betas, strict=True)
-    ]
-    gain = sum(chain.log_density for chain in new) - sum(chain.log_density for chain in pair)
-    log_acceptance = min(0.0, gain + log_ratio)
-    accepted = bool(rng.standard_exponential() > -log_acceptance)
+    lowest, before = -rng.standard_exponential(), sum(chain.log_density for chain in pair)
+    # The colder state first, because it decides more often; the other needs to be no better than
+    # the exchange requires.
+    cold = walkers[1](states[1]).at(betas[1])
+    least = lowest - log_ratio + before - cold
+    hot = walkers[0](states[0], betas[0], least).at(betas[0]) if cold > -math.inf else -math.inf
+    log_acceptance = min(0.0, hot + cold - before + log_ratio)
+    accepted = bool(log_acceptance > lowest)
+    new = [ChainState(states[0], hot), ChainState(states[1], cold)]
     if accepted:
         for chain, walker in zip(new, walkers, strict=True):
             walker.move(chain.state)

@@ -25,7 +25,7 @@ from imapper_prob.models.kernels.incremental import NOWHERE, change, commit
 from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
-from imapper_prob.sampling.jit import compiled, inner_inlined
+from imapper_prob.sampling.jit import compiled, inner, inner_inlined
 from imapper_prob.sampling.redraws import set_placement, with_stretch
 from imapper_prob.sampling.reference import NONE_BEFORE, Reference
 from imapper_prob.sampling.reference_placement import expected, leaves
@@ -291,21 +291,21 @@ def _nearby(problem: Problem, moves: Moves, state: State, rng: np.random.Generat
     return best[1]
 
 
-@inner_inlined
+@inner
 def _with(
     reference: Reference, scene: Scene, first: int, last: int, scenelet: int, start: int
 ) -> Scene:
     """A scene with a scenelet instead of some consecutive ones, at its expected placement."""
-    left, before = NONE_BEFORE, np.empty((2, 4))
+    left, before, middle = NONE_BEFORE, np.empty((2, 4)), np.empty((2, 4))
     if first > 0:
         left = leaves(
             reference, scene.camera, scene.items[first - 1, 0], scene.items[first - 1, 1],
             scene.placements[first - 1], scene.sizes[first - 1], before,
         )  # fmt: skip
-    _, middle = expected(reference, scene.camera, scenelet, start, left, before)
+    expected(reference, scene.camera, scenelet, start, left, before, middle)
     item, placement, size = np.empty((1, 2), np.int64), np.empty((1, 3)), np.empty(1)
-    item[0, 0], item[0, 1], size[0] = scenelet, start, middle[3]
-    set_placement(reference, scene.camera, scenelet, middle, placement[0])
+    item[0, 0], item[0, 1], size[0] = scenelet, start, middle[0, 3]
+    set_placement(reference, scene.camera, scenelet, middle[0], placement[0])
     return Scene(
         scene.camera,
         np.concatenate((scene.items[:first], item, scene.items[last:])),

@@ -248,7 +248,7 @@ class _Target:
             np.ascontiguousarray(placements), np.ascontiguousarray(sizes),
             np.ascontiguousarray(latent).reshape(-1, *self._path), False,
         )  # fmt: skip
-        density: Array = values + log_area(theta[:, 6::4].sum(1))
+        density: Array = values + [log_area(depths) for depths in theta[:, 6::4].sum(1)]
         return density
 
 

@@ -270,16 +270,17 @@ def gains_about(problem: Problem, gains: Array, reference: Reference) -> Array:
     (T, L) float
         Nats.
     """
-    judge, placement, before = _judge_of(problem), np.empty(3), np.empty((2, 4))
+    judge, placement = _judge_of(problem), np.empty(3)
+    before, where = np.empty((2, 4)), np.empty((2, 4))
     camera, anew = reference.library_camera, gains.copy()
     for start in range(len(gains)):
         least = gains[start].max() - _HOPELESS
         for scenelet in range(gains.shape[1]):
             if gains[start, scenelet] > least:
-                _, where = expected(reference, camera, scenelet, start, NONE_BEFORE, before)
-                set_placement(reference, camera, scenelet, where, placement)
+                expected(reference, camera, scenelet, start, NONE_BEFORE, before, where)
+                set_placement(reference, camera, scenelet, where[0], placement)
                 anew[start, scenelet] = _gain(
-                    problem, judge, scenelet, start, placement, where[3]
+                    problem, judge, scenelet, start, placement, where[0, 3]
                 )  # fmt: skip
     return anew
 

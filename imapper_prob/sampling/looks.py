@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import floor_point, seen_point
-from imapper_prob.sampling.jit import compiled
+from imapper_prob.sampling.jit import compiled, inner_inlined
 from imapper_prob.sampling.scene import Scene
 
-__all__ = ["carried", "log_volume", "look", "middle_heights", "reprojected", "stand"]
+__all__ = ["carry", "log_volume", "look", "middle_heights", "reprojected", "stand"]
 
 Array = NDArray[np.float64]
 Look = tuple[float, float, float]
@@ -169,9 +169,9 @@ def reprojected(
     return placements, sizes, log_jacobian
 
 
-@compiled
-def carried(height: float, where: Array, before: Array, after: Array) -> Array:
-    """Transform a position to another camera so that it looks the same; unchanged if impossible.
+@inner_inlined
+def carry(height: float, where: Array, before: Array, after: Array) -> None:
+    """Transform a position in place so that it looks the same through another camera, if possible.
 
     Parameters
     ----------
@@ -183,17 +183,9 @@ def carried(height: float, where: Array, before: Array, after: Array) -> Array:
         Camera parameters.
     after : (5,) float
         Camera parameters.
-
-    Returns
-    -------
-    (4,) float
-        Bearing, log depth, yaw, log size.
     """
     x, y = floor_point(where[0], where[1])
     x, y, size = stand(after, look(before, x, y, where[3], height), height)
-    if math.isnan(size):
-        return where.copy()
-    there = np.empty(4)
-    there[0], there[1] = seen_point(x, y)
-    there[2], there[3] = where[2], size
-    return there
+    if not math.isnan(size):
+        where[0], where[1] = seen_point(x, y)
+        where[3] = size

@@ -104,7 +104,7 @@ def with_stretch(
     most = n_frames // reference.lengths[reference.by_length[0]] + 1
     items, placements, sizes = np.empty((most, 2), np.int64), np.empty((most, 3)), np.empty(most)
     kind, end, left, n = START, START, NONE_BEFORE, 0
-    before, shares = np.empty((2, 4)), np.empty(COMPONENTS)
+    before, middle, shares = np.empty((2, 4)), np.empty((2, 4)), np.empty(COMPONENTS)
     if first > 0:
         scenelet, start = scene.items[first - 1]
         place, size = scene.placements[first - 1], scene.sizes[first - 1]
@@ -119,8 +119,8 @@ def with_stretch(
         if of == SIMILAR:
             code = _draw_similar(reference, rng, code)
         start, scenelet = code // n_scenelets, code % n_scenelets
-        row, middle = expected(reference, camera, scenelet, start, left, before)
-        where = _draw_where(reference, rng, row, scenelet, middle)
+        row = expected(reference, camera, scenelet, start, left, before, middle)
+        where = _draw_where(reference, rng, row, scenelet, middle[0])
         items[n, 0], items[n, 1], sizes[n] = scenelet, start, where[3]
         set_placement(reference, camera, scenelet, where, placements[n])
         left = leaves(reference, camera, scenelet, start, placements[n], sizes[n], before)

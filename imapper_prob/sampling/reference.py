@@ -41,7 +41,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.sampling.jit import inner_inlined
+from imapper_prob.sampling.jit import inner, inner_inlined
 
 __all__ = [
     "ADJOINING",
@@ -194,7 +194,7 @@ class Reference(NamedTuple):
     constants: Array
 
 
-@inner_inlined
+@inner
 def draw_summed(sums: Array, row: int, n: int, rng: np.random.Generator) -> int:
     """Draw an index below ``n`` with given weights, never one of weight 0.
 
@@ -228,7 +228,7 @@ def log_t(offset: Array, factor: Array, constant: float) -> float:
     Parameters
     ----------
     offset : (n,) float
-        Offset from the centre.
+        Offset from the centre; it is overwritten.
     factor : (n, n) float
         Lower Cholesky factor of the scale matrix.
     constant : float
@@ -239,11 +239,9 @@ def log_t(offset: Array, factor: Array, constant: float) -> float:
     float
     """
     n, square = len(offset), 0.0
-    z = np.empty(n)
     for i in range(n):
-        z[i] = offset[i]
         for j in range(i):
-            z[i] -= factor[i, j] * z[j]
-        z[i] /= factor[i, i]
-        square += z[i] * z[i]
+            offset[i] -= factor[i, j] * offset[j]
+        offset[i] /= factor[i, i]
+        square += offset[i] * offset[i]
     return constant - 0.5 * (DOF + n) * math.log1p(square / DOF)

@@ -32,9 +32,21 @@ Ints = NDArray[np.int64]
 
 
 @inner_inlined
+def _first_from(codes: Ints, first: int, last: int, code: int) -> int:
+    """Index of the first code of a row that is no less than a given one; ``last`` if none is."""
+    while first < last:
+        middle = (first + last) // 2
+        if codes[middle] < code:
+            first = middle + 1
+        else:
+            last = middle
+    return int(first)
+
+
+@inner_inlined
 def _find(codes: Ints, first: int, last: int, code: int) -> int:
     """Index of a code in a row; -1 if it is absent."""
-    at = int(first + np.searchsorted(codes[first:last], code))
+    at = _first_from(codes, first, last, code)
     return at if at < last and codes[at] == code else -1
 
 
@@ -52,7 +64,8 @@ def shares_after(reference: Reference, kind: int, end: int, shares: Array) -> No
     shares : (6,) float
         Output.
     """
-    shares[:] = reference.shares
+    for c in range(COMPONENTS):
+        shares[c] = reference.shares[c]
     if kind == 0 or reference.fitting_kinds[end, 0] == 0.0:
         shares[FITTING], shares[ADJOINING] = shares[FITTING] + shares[ADJOINING], 0.0
     row = kind * len(reference.room) + end
@@ -77,9 +90,8 @@ def _at_start(reference: Reference, end: int, start: int) -> tuple[int, int]:
     last."""
     first, last = reference.later_first[end], reference.later_first[end + 1]
     n_scenelets = len(reference.kinds)
-    row = reference.later[first:last]
-    begin = first + np.searchsorted(row, start * n_scenelets)
-    return int(begin), int(first + np.searchsorted(row, (start + 1) * n_scenelets))
+    begin = _first_from(reference.later, first, last, start * n_scenelets)
+    return begin, _first_from(reference.later, begin, last, (start + 1) * n_scenelets)
 
 
 @inner_inlined
@@ -93,7 +105,7 @@ def _adjoins(reference: Reference, kind: int, end: int, scenelet: int) -> float:
     return float(total * reference.fitting[end, scenelet])
 
 
-@inner
+@inner_inlined
 def next_probability(
     reference: Reference, kind: int, end: int, code: int, probability: Array
 ) -> None:
@@ -129,7 +141,8 @@ def next_probability(
         return
     start, scenelet = code // n_scenelets, code % n_scenelets
     if start < end or reference.lengths[scenelet] > reference.room[start]:
-        probability[:] = 0.0
+        for c in range(COMPONENTS):
+            probability[c] = 0.0
         return
     alike, (first, last) = 0.0, _at_start(reference, end, start)
     for at in range(first, last):
@@ -178,20 +191,20 @@ def foretell(reference: Reference, counts: Ints, items: Ints) -> Array:
 
 
 @inner_inlined
-def _stops(reference: Reference, kind: int, end: int, start: int) -> float:
+def _stops(reference: Reference, kind: int, end: int, start: int, shares: Array) -> float:
     """Probability that nothing begins before ``start``; for the end of the clip, that the scene
-    ends."""
-    shares = np.empty(COMPONENTS)
+    ends. The shares are a workspace."""
     shares_after(reference, kind, end, shares)
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
     code = start * n_scenelets
     row = kind * (n_frames + 1) + end
     first, last = reference.followed_first[row], reference.followed_first[row + 1]
-    begin = first + np.searchsorted(reference.followed[first:last], code)
-    followed = reference.followed_probability[begin:last].sum()
+    followed, later = 0.0, 0.0
+    for at in range(_first_from(reference.followed, first, last, code), last):
+        followed += reference.followed_probability[at]
     first, last = reference.later_first[end], reference.later_first[end + 1]
-    begin = first + np.searchsorted(reference.later[first:last], code)
-    later = reference.later_probability[begin:last].sum()
+    for at in range(_first_from(reference.later, first, last, code), last):
+        later += reference.later_probability[at]
     none = math.exp(reference.survival[start] - reference.survival[end])
     empty = 1.0
     if reference.openings[end] > 0:
@@ -234,17 +247,38 @@ def log_stretch(
         Nats, per square metre, radian and unit of log size of each of them; -inf behind the
         camera, or where they overlap.
     """
+    probability, before, work = np.empty(COMPONENTS), np.empty((2, 4)), np.empty((4, 4))
+    return _log_stretch(
+        reference, camera, items, placements, sizes, first, last, probability, before, work
+    )
+
+
+@inner_inlined
+def _log_stretch(
+    reference: Reference,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    first: int,
+    last: int,
+    probability: Array,
+    before: Array,
+    work: Array,
+) -> float:
     n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
-    probability, before = np.empty(COMPONENTS), np.empty((2, 4))
     kind, end, left, total = START, START, NONE_BEFORE, 0.0
     for k in range(max(first - 1, 0), last):
-        scenelet, start = items[k]
+        scenelet, start = items[k, 0], items[k, 1]
         if k >= first:
             next_probability(reference, kind, end, start * n_scenelets + scenelet, probability)
             if probability[ANYWHERE] == 0.0:
                 return -math.inf
-            total += math.log(probability.sum()) + log_placement(
-                reference, camera, scenelet, start, placements[k], sizes[k], left, before
+            of_mixture = 0.0
+            for c in range(COMPONENTS):
+                of_mixture += probability[c]
+            total += math.log(of_mixture) + log_placement(
+                reference, camera, scenelet, start, placements[k], sizes[k], left, before, work
             )
             if total == -math.inf:
                 return total
@@ -253,7 +287,7 @@ def log_stretch(
     stop = items[last, 1] if last < len(items) else n_frames
     if end > stop:
         return -math.inf
-    return float(total + math.log(_stops(reference, kind, end, stop)))
+    return float(total + math.log(_stops(reference, kind, end, stop, probability)))
 
 
 @compiled

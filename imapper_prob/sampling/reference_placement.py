@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.view import log_area
 from imapper_prob.sampling.jit import compiled, inner, inner_inlined
-from imapper_prob.sampling.looks import carried
+from imapper_prob.sampling.looks import carry
 from imapper_prob.sampling.reference import ASTRAY, FIRST, FLUSH, GAP, NONE_BEFORE, Reference, log_t
 
 __all__ = ["displacements", "expected", "leaves", "log_placement", "usual_offsets"]
@@ -20,43 +20,63 @@ Ints = NDArray[np.int64]
 
 
 @inner_inlined
-def _turned(offset: Array) -> None:
-    """Wrap the yaw of an offset to half a turn either way, in place."""
-    offset[2] -= 2.0 * math.pi * math.floor(offset[2] / (2.0 * math.pi) + 0.5)
-
-
-@inner_inlined
 def _pelvis_of(
-    reference: Reference, camera: Array, scenelet: int, last: int, place: Array, size: float
-) -> Array:
-    """Position of a scenelet's pelvis in its first (0) or last (1) frame; its log depth is NaN
-    behind the camera."""
+    reference: Reference,
+    camera: Array,
+    scenelet: int,
+    last: int,
+    place: Array,
+    size: float,
+    where: Array,
+) -> None:
+    """Write the position of a scenelet's pelvis in its first (0) or last (1) frame to ``where``
+    (4,); its log depth is NaN behind the camera."""
     body = math.exp(camera[3] + size)
     c, s = body * math.cos(place[2]), body * math.sin(place[2])
     local = reference.pelvis[scenelet, last]
     x, y = place[0] + c * local[0] - s * local[1], place[1] + s * local[0] + c * local[1]
-    where = np.empty(4)
     where[0], where[1] = (x / y, math.log(y)) if y > 0.0 else (0.0, math.nan)
     where[2], where[3] = place[2], size
-    return where
 
 
 @inner_inlined
-def _usual(reference: Reference, camera: Array, scenelet: int, start: int, last: int) -> Array:
-    """Mean position of a scenelet's pelvis over visits, transformed to a camera."""
-    where = np.empty(4)
+def _usual(
+    reference: Reference, camera: Array, scenelet: int, start: int, last: int, where: Array
+) -> None:
+    """Write the mean position of a scenelet's pelvis over visits, transformed to a camera."""
     frame = start + (reference.lengths[scenelet] - 1) * last
-    where[0], where[1] = reference.path[frame]
+    where[0], where[1] = reference.path[frame, 0], reference.path[frame, 1]
     where[2], where[3] = reference.yaw[start, scenelet], reference.size
-    where += reference.habits[scenelet, last]
+    for i in range(4):
+        where[i] += reference.habits[scenelet, last, i]
     height = reference.pelvis[scenelet, last, 2]
-    return carried(height, where, reference.library_camera, camera)
+    carry(height, where, reference.library_camera, camera)
+
+
+@inner_inlined
+def _subtract(from_: Array, mean: Array, offset: Array) -> None:
+    """Write the offset of a position from a mean one; the yaw is wrapped to half a turn either
+    way."""
+    for i in range(4):
+        offset[i] = from_[i] - mean[i]
+    offset[2] -= 2.0 * math.pi * math.floor(offset[2] / (2.0 * math.pi) + 0.5)
 
 
 @inner
+def _multiply(matrix: Array, vector: Array, product: Array) -> None:
+    np.dot(matrix, vector, product)
+
+
+@inner_inlined
 def expected(
-    reference: Reference, camera: Array, scenelet: int, start: int, end: int, before: Array
-) -> tuple[int, Array]:
+    reference: Reference,
+    camera: Array,
+    scenelet: int,
+    start: int,
+    end: int,
+    before: Array,
+    middle: Array,
+) -> int:
     """Centre of the distribution of a scenelet's pelvis in its first frame, and its factor's row.
 
     For a scenelet that adjoins the one before, the position continues from that one's last pelvis.
@@ -72,24 +92,26 @@ def expected(
         Frame after the last of the scenelet before, -1 if there is none.
     before : (2, 4) float
         Pelvis of the scenelet before in its last frame, and its displacement from the mean.
+    middle : (2, 4) float
+        Output: bearing, log depth, yaw and log size; the second row is a workspace.
 
     Returns
     -------
-    row : int
+    int
         Row of the displacement factors.
-    middle : (4,) float
-        Bearing, log depth, yaw, log size.
     """
-    middle = _usual(reference, camera, scenelet, start, 0)
+    _usual(reference, camera, scenelet, start, 0, middle[0])
     if end < 0:
-        return FIRST, middle
+        return FIRST
     row = FLUSH if start == end else GAP
     if row == FLUSH:
         for i in range(2):
             step = reference.path[start, i] - reference.path[end - 1, i]
-            middle[i] = before[0, i] + step
-    middle += reference.onward[row - 1] @ before[1]
-    return row, middle
+            middle[0, i] = before[0, i] + step
+    _multiply(reference.onward[row - 1], before[1], middle[1])
+    for i in range(4):
+        middle[0, i] += middle[1, i]
+    return row
 
 
 @inner_inlined
@@ -121,11 +143,11 @@ def leaves(
     int
         Frame after the last one; -1 if the pelvis is behind the camera.
     """
-    before[0] = _pelvis_of(reference, camera, scenelet, 1, place, size)
+    _pelvis_of(reference, camera, scenelet, 1, place, size, before[0])
     if math.isnan(before[0, 1]):
         return -1
-    before[1] = before[0] - _usual(reference, camera, scenelet, start, 1)
-    _turned(before[1])
+    _usual(reference, camera, scenelet, start, 1, before[1])
+    _subtract(before[0], before[1], before[1])
     return int(start + reference.lengths[scenelet])
 
 
@@ -146,15 +168,17 @@ def usual_offsets(
     (R, 2, 4) float
         In their first and last frames; NaN behind the camera.
     """
-    offsets = np.empty((len(items), 2, 4))
+    offsets, where = np.empty((len(items), 2, 4)), np.empty((2, 4))
     k = 0
     for n in range(len(counts)):
         for _ in range(counts[n]):
             scenelet, start = items[k]
             for last in range(2):
-                where = _pelvis_of(reference, cameras[n], scenelet, last, places[k], sizes[k])
-                offsets[k, last] = where - _usual(reference, cameras[n], scenelet, start, last)
-                _turned(offsets[k, last])
+                _pelvis_of(
+                    reference, cameras[n], scenelet, last, places[k], sizes[k], where[0]
+                )  # fmt: skip
+                _usual(reference, cameras[n], scenelet, start, last, where[1])
+                _subtract(where[0], where[1], offsets[k, last])
             k += 1
     return offsets
 
@@ -190,18 +214,18 @@ def displacements(
         np.zeros((len(items), 4)),
     )
     displaced = np.zeros((len(items), 4))
+    where, middle = np.empty(4), np.empty((2, 4))
     k = 0
     for n in range(len(counts)):
         end = NONE_BEFORE
         for _ in range(counts[n]):
             scenelet, start = items[k]
-            where = _pelvis_of(reference, cameras[n], scenelet, 0, places[k], sizes[k])
-            row, middle = expected(reference, cameras[n], scenelet, start, end, before)
+            _pelvis_of(reference, cameras[n], scenelet, 0, places[k], sizes[k], where)
+            row = expected(reference, cameras[n], scenelet, start, end, before, middle)
             rows[k] = -1 if math.isnan(where[1]) else row
             if end >= 0:
                 displaced[k] = before[1]
-            offsets[k] = where - middle
-            _turned(offsets[k])
+            _subtract(where, middle[0], offsets[k])
             end = leaves(reference, cameras[n], scenelet, start, places[k], sizes[k], before)
             k += 1
     return rows, displaced, offsets
@@ -229,6 +253,7 @@ def log_placement(
     size: float,
     end: int,
     before: Array,
+    work: Array,
 ) -> float:
     """Log density of a scenelet's placement, given the scenelet before.
 
@@ -245,18 +270,20 @@ def log_placement(
         Frame after the last of the scenelet before, -1 if there is none.
     before : (2, 4) float
         See :func:`expected`.
+    work : (4, 4) float
+        Workspace.
 
     Returns
     -------
     float
         Nats, per square metre, radian and unit of log size; -inf behind the camera.
     """
-    where = _pelvis_of(reference, camera, scenelet, 0, place, size)
+    where, offset = work[0], work[1]
+    _pelvis_of(reference, camera, scenelet, 0, place, size, where)
     if math.isnan(where[1]):
         return -math.inf
-    row, middle = expected(reference, camera, scenelet, start, end, before)
-    offset = where - middle
-    _turned(offset)
+    row = expected(reference, camera, scenelet, start, end, before, work[2:])
+    _subtract(where, work[2], offset)
     new = reference.strange[scenelet]
     near = log_t(offset, reference.factors[row, new], reference.constants[row, new])
     far = _log_anywhere(reference, where)

@@ -55,7 +55,7 @@ def scene_of(state: State) -> Scene:
 
 
 def state_of(scene: Scene) -> State:
-    """Convert a scene to a state.
+    """Convert a scene to a state, which shares its arrays but cannot write them.
 
     Parameters
     ----------
@@ -65,7 +65,13 @@ def state_of(scene: Scene) -> State:
     -------
     State
     """
-    return State(*scene)
+    return State(
+        scene.camera.view(),
+        scene.items.view(),
+        scene.placements.view(),
+        scene.sizes.view(),
+        scene.latent.view(),
+    )
 
 
 @compiled

@@ -7,9 +7,11 @@ They do the same as :func:`imapper_prob.samplers.reversible_jump.step` with the 
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numba import types
+from numba.experimental import structref
 from numpy.typing import NDArray
 
 from imapper_prob.models.kernels.cache import Evaluator, open_evaluator
@@ -21,7 +23,7 @@ from imapper_prob.models.kernels.incremental import (
     place_scene,
     weigh_placed,
 )
-from imapper_prob.models.log_posterior import State, change_from, log_posterior
+from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.published_energy import evaluate_paper
 from imapper_prob.samplers.reversible_jump import ChainState, StepInfo
@@ -60,6 +62,8 @@ camera converges faster than the layouts."""
     _CAMERA_ADAPTED, _SCENE_REDRAW, _REDRAW,
 ) = range(len(MOVES))  # fmt: skip
 _NAMES: Final = tuple(MOVES)
+_structref: Any = structref
+"""numba's structref module, typed as Any because it is published without types."""
 _CAPACITY: Final = 8
 """Initial capacity in scenelets, which is increased when needed."""
 
@@ -120,6 +124,49 @@ def scene_moves(problem: Problem, reference: Reference, shape: Array | None) -> 
         reference=reference,
         weights=weights,
     )
+
+
+class _KnownType(types.StructRef):
+    """The numba type of shared data of moves."""
+
+
+class Known(structref.StructRefProxy):
+    """Data of the moves, which are passed to compiled code by one address; see :func:`shared`.
+
+    Unpacking some fifty arrays at every call takes as long as a step.
+
+    Parameters
+    ----------
+    *args
+        The attribute.
+
+    Attributes
+    ----------
+    moves : Moves
+    """
+
+    moves: Moves
+
+
+_structref.register(_KnownType)
+_structref.define_boxing(_KnownType, Known)
+_structref.define_constructor(Known, _KnownType, ["moves"])
+
+
+@compiled
+def shared(moves: Moves) -> Known:
+    """Share the data of moves with compiled code.
+
+    Parameters
+    ----------
+    moves : Moves
+        Its arrays are referenced, not copied.
+
+    Returns
+    -------
+    Known
+    """
+    return Known(moves)  # type: ignore[no-untyped-call]
 
 
 @compiled
@@ -236,8 +283,48 @@ def _log_published(
 
 
 @compiled
+def _judge(
+    known: Known,
+    evaluator: Evaluator,
+    published: Array | None,
+    n_before: int,
+    now: Scene,
+    new: Scene,
+    beta: float,
+    least: float,
+) -> tuple[float, float]:
+    """Log density of the reference, and log ratio of posterior to reference, of a scene.
+
+    Both are evaluated as a change from the evaluator's scene ``now``. The first is -inf outside the
+    support, and may be if the log density at an inverse temperature is below ``least``.
+    """
+    prior = -math.inf
+    if published is not None:
+        density = _log_published(
+            evaluator.problem, new.camera, new.items, new.placements, new.sizes, new.latent
+        )
+    else:
+        density = place_scene(
+            evaluator, n_before, now.camera, now.latent,
+            new.camera, new.items, new.placements, new.sizes, new.latent,
+        )  # fmt: skip
+    if density > -math.inf:
+        prior = log_reference(
+            known.moves.reference, new.camera, new.items, new.placements, new.sizes
+        )  # fmt: skip
+        if published is None:
+            wanted = EVERYTHING
+            if beta > 0.0 and prior > -math.inf:
+                wanted = prior - density + (least - prior) / beta
+            density += weigh_placed(evaluator, n_before, new.camera, new.items, wanted)
+    if density == -math.inf or prior == -math.inf:
+        return -math.inf, 0.0
+    return prior, density - prior
+
+
+@compiled
 def _advance(
-    known: Moves,
+    shared_moves: Known,
     evaluator: Evaluator,
     published: Array | None,
     capacity: int,
@@ -257,6 +344,7 @@ def _advance(
 
     With ``published`` None, numba compiles the default log-posterior only.
     """
+    known = shared_moves.moves
     weights = known.weights.cumsum()
     for n in range(len(chosen)):
         move = min(np.searchsorted(weights, rng.random() * weights[-1], "right"), len(weights) - 1)
@@ -355,19 +443,32 @@ class Walker:
     """
 
     def __init__(self, problem: Problem, moves: Moves, state: State) -> None:
-        self._problem, self._moves = problem, moves
+        self._problem, self._known = problem, shared(moves)
         self._published = problem.paper_nats if problem.of_paper else None
         self._state = self._last = state
+        self._scene = self._last_scene = scene_of(state)
         self._parts = self._last_parts = Parts(0.0, 0.0)
         self._capacity: int = max(_CAPACITY, state.n_scenelets)
         self._evaluator: Evaluator = open_evaluator(problem, self._capacity)
         self._stand()
 
-    def __call__(self, state: State) -> Parts:
-        """Evaluate ``state`` without moving the chain."""
+    def __call__(self, state: State, beta: float = 0.0, least: float = -math.inf) -> Parts:
+        """Evaluate ``state`` without moving the chain.
+
+        Parameters
+        ----------
+        state : State
+        beta, least : float
+            The result may be -inf if the log density at this inverse temperature is less.
+
+        Returns
+        -------
+        Parts
+        """
         if state is self._state:
             return self._parts
-        self._last, self._last_parts = state, self._judged(state, self._state.n_scenelets)
+        self._last, self._last_scene = state, scene_of(state)
+        self._last_parts = self._judged(self._last_scene, len(self._scene.items), beta, least)
         return self._last_parts
 
     def move(self, state: State) -> None:
@@ -381,7 +482,7 @@ class Walker:
             return
         if state is not self._last:
             self(state)
-        self._state, self._parts = state, self._last_parts
+        self._state, self._scene, self._parts = state, self._last_scene, self._last_parts
         self._accept()
 
     def advance(
@@ -409,8 +510,8 @@ class Walker:
         chosen, log_acceptance = np.empty(steps, np.int64), np.empty(steps)
         accepted = np.empty(steps, np.bool_)
         scene, log_prior, log_likelihood, self._evaluator, self._capacity, fault = _advance(
-            self._moves, self._evaluator, self._published, self._capacity, rng, beta,
-            scene_of(self._state), self._parts.log_prior, self._parts.log_likelihood,
+            self._known, self._evaluator, self._published, self._capacity, rng, beta,
+            self._scene, self._parts.log_prior, self._parts.log_likelihood,
             chosen, log_acceptance, accepted,
         )  # fmt: skip
         if fault >= 0:
@@ -418,28 +519,30 @@ class Walker:
                 f"move '{_NAMES[fault]}': the log density or log ratio of a proposal is no number"
             )
         if accepted.any():
-            self._state, self._parts = state_of(scene), Parts(log_prior, log_likelihood)
+            self._scene, self._state = scene, state_of(scene)
+            self._parts = Parts(log_prior, log_likelihood)
         self._last, self._last_parts = self._state, self._parts
         steps_made = zip(chosen.tolist(), accepted.tolist(), log_acceptance.tolist(), strict=True)
         return ChainState(self._state, self._parts.at(beta)), tuple(
             StepInfo(_NAMES[move], taken, log_a) for move, taken, log_a in steps_made
         )
 
-    def _judged(self, state: State, n_before: int) -> Parts:
-        """Evaluate a state as a change from the evaluator's state with ``n_before`` scenelets."""
-        if self._published is not None:
-            density = log_posterior(self._problem, state)
-        else:
-            if state.n_scenelets > self._capacity:
-                self._capacity = 2 * state.n_scenelets
-                self._evaluator = open_evaluator(self._problem, self._capacity)
-                self._stand()
-            density = sum(change_from(self._evaluator, n_before, self._state, state))
-        return _in_parts(self._moves.reference, density, state)
+    def _judged(self, scene: Scene, n_before: int, beta: float, least: float) -> Parts:
+        """Evaluate a scene as a change from the evaluator's scene with ``n_before`` scenelets."""
+        if len(scene.items) > self._capacity:
+            self._capacity = 2 * len(scene.items)
+            self._evaluator = open_evaluator(self._problem, self._capacity)
+            self._stand()
+        return Parts(
+            *_judge(
+                self._known, self._evaluator, self._published, n_before, self._scene, scene,
+                beta, least,
+            )
+        )  # fmt: skip
 
     def _stand(self) -> None:
         """Initialise a new evaluator at the chain's state."""
-        self._parts = self._last_parts = self._judged(self._state, -1)
+        self._parts = self._last_parts = self._judged(self._scene, -1, 0.0, -math.inf)
         self._accept()
 
     def _accept(self) -> None:

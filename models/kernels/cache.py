@@ -17,7 +17,7 @@ from numba import types
 from numba.experimental import structref
 from numpy.typing import NDArray
 
-from imapper_prob.models.jit import compiled, inner, inner_inlined
+from imapper_prob.models.jit import compiled, inner
 from imapper_prob.models.kernels.frame import LIKELIHOODS, PARAMS, SCRATCH64
 from imapper_prob.models.kernels.intersection import N_DISPLACED
 from imapper_prob.models.kernels.visibility import LINE, OCCLUDER, SCRATCH32, VIEW, Singles
@@ -242,7 +242,7 @@ _PIECES = 15
 """Number of arrays that are parts of the pool."""
 
 
-@inner_inlined
+@inner
 def _taken(pool: NDArray[np.uint8], at: Ints, size: int) -> NDArray[np.uint8]:
     """The next ``size`` bytes of the pool, aligned to a cache line.
 
@@ -255,12 +255,12 @@ def _taken(pool: NDArray[np.uint8], at: Ints, size: int) -> NDArray[np.uint8]:
     return pool[first : first + size]
 
 
-@inner_inlined
+@inner
 def _doubles(pool: NDArray[np.uint8], at: Ints, size: int) -> Array:
     return _taken(pool, at, 8 * size).view(np.float64)
 
 
-@inner_inlined
+@inner
 def _singles(pool: NDArray[np.uint8], at: Ints, size: int) -> Singles:
     return _taken(pool, at, 4 * size).view(np.float32)
 

@@ -214,11 +214,30 @@ def place_scene(
     float
         Log prior, nats; -inf outside the support.
     """
-    problem, cache = evaluator.problem, evaluator.cache
+    return _place_scene(
+        evaluator.problem, evaluator.cache, n_before, camera_before, latent_before,
+        camera, items, placements, sizes, latent,
+    )  # fmt: skip
+
+
+@inner_inlined
+def _place_scene(
+    problem: Problem,
+    cache: Cache,
+    n_before: int,
+    camera_before: Array,
+    latent_before: Array,
+    camera: Array,
+    items: Ints,
+    placements: Array,
+    sizes: Array,
+    latent: Array,
+) -> float:
     if not in_support(camera) or not _in_order(problem, items):
         return -math.inf
     n, n_old, terms = len(items), max(n_before, 0), cache.terms
-    terms[:] = 0.0
+    for k in range(len(terms)):
+        terms[k] = 0.0
     anew = n_before < 0
     for a in range(5):
         anew = anew or camera[a] != camera_before[a]
@@ -315,10 +334,15 @@ def commit(evaluator: Evaluator) -> None:
     ----------
     evaluator : Evaluator
     """
-    cache = evaluator.cache
-    for of in (cache.slots, cache.cover):
-        for i in range(of.shape[1]):
-            of[0, i] = of[1, i]
+    _commit(evaluator.cache)
+
+
+@inner_inlined
+def _commit(cache: Cache) -> None:
+    for i in range(cache.slots.shape[1]):
+        cache.slots[0, i] = cache.slots[1, i]
+    for t in range(cache.cover.shape[1]):
+        cache.cover[0, t] = cache.cover[1, t]
     for i in range(cache.evidence.shape[1]):
         cache.evidence[0, i] = cache.evidence[1, i]
     for t in range(len(cache.moved)):

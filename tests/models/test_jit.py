@@ -4,9 +4,11 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 import pytest
 from numba.core.caching import FunctionCache, NullCache
 from numba.core.codegen import CPUCodegen
+from numba.core.errors import TypingError
 
 from imapper_prob.models.jit import compiled, inlined
 
@@ -24,6 +26,29 @@ def product_less(a: float, b: float, c: float) -> float:
 def test_products_are_rounded_before_they_are_subtracted() -> None:
     """With fused operations, which depend on what is inlined, this is -2^-54."""
     assert product_less(1.0 + 2.0**-27, 1.0 - 2.0**-27, 1.0) == 0.0
+
+
+def test_an_inlined_kernel_neither_allocates_nor_returns_arrays() -> None:
+    """It does not count references, so a caller would free what it still uses."""
+
+    @inlined
+    def itself(row: Any) -> Any:
+        return row
+
+    @inlined
+    def beside_a_number(row: Any) -> Any:
+        return 1.0, row
+
+    @inlined
+    def allocated(n: int) -> Any:
+        return np.empty(n)[0]
+
+    with pytest.raises(TypeError, match="itself is inlined"):
+        itself(np.zeros(3))
+    with pytest.raises(TypeError, match="beside_a_number is inlined"):
+        beside_a_number(np.zeros(3))
+    with pytest.raises(TypingError, match="empty"):
+        allocated(3)
 
 
 def test_one_process_at_a_time_adds_to_the_compiled(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -43,11 +43,11 @@ def gain_by_frame(state: State) -> np.ndarray:
 @compiled
 def placed_as_expected(reference: Reference, scenelet: int, start: int) -> tuple[float, np.ndarray]:
     """Log size and placement of a scenelet that none is before."""
-    placement = np.empty(3)
+    placement, before, where = np.empty(3), np.empty((2, 4)), np.empty((2, 4))
     camera = reference.library_camera
-    _, where = expected(reference, camera, scenelet, start, NONE_BEFORE, np.empty((2, 4)))
-    set_placement(reference, camera, scenelet, where, placement)
-    return where[3], placement
+    expected(reference, camera, scenelet, start, NONE_BEFORE, before, where)
+    set_placement(reference, camera, scenelet, where[0], placement)
+    return where[0, 3], placement
 
 
 def test_a_gain_is_what_the_model_says_of_detections() -> None:
