@@ -429,6 +429,26 @@ class Settings:
     detector: DetectorSettings = field(default_factory=DetectorSettings)
     device: str = "cpu"
 
+    def differences(self, other: Settings) -> tuple[str, ...]:
+        """Names of the constants that have another value in other settings.
+
+        Parameters
+        ----------
+        other : Settings
+
+        Returns
+        -------
+        tuple of str
+            Such as ``"path.walk_time"``. The device is no constant of the model.
+        """
+        tables = ((f.name, getattr(self, f.name)) for f in fields(self) if f.name != "device")
+        return tuple(
+            f"{name}.{constant.name}"
+            for name, own in tables
+            for constant in fields(own)
+            if getattr(own, constant.name) != getattr(getattr(other, name), constant.name)
+        )
+
     def without(self, scene: str) -> Settings:
         """The settings with estimated constants that leave out one scene, for cross-validation.
 

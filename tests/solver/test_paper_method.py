@@ -11,7 +11,7 @@ from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.published_terms import paper_energy
 from imapper_prob.models.scenelet import Library, Scenelet
-from imapper_prob.models.settings import ModelSettings, PaperWeights
+from imapper_prob.models.settings import ModelSettings, PaperWeights, Settings
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.recording.stages import stage_views
 from imapper_prob.results.solution import stage_table
@@ -303,8 +303,9 @@ def test_only_its_own_stages_run_and_are_shown() -> None:
         (PoseSource.OWN,) * 30, problem.used.sum(1), np.full(30, np.nan), np.zeros(30, bool)
     )
     fitted = Fitted(
-        path, frames, worlds.camera_prior(), problem, fits, np.ones(3), np.zeros((3, 3))
-    )
+        path, frames, worlds.camera_prior(), problem, fits, np.ones(3), np.zeros((3, 3)),
+        Settings(PAPER),
+    )  # fmt: skip
     stages: list[str] = []
     found = solve_fitted(clip, library, fitted, progress=lambda stage, _: stages.append(stage))
     assert set(stages) == {"filtering candidates", "combining"}
