@@ -142,7 +142,8 @@ def solve(
     Raises
     ------
     InputError
-        An argument is of another type, or the content of the clip cannot be used.
+        An argument is of another type, the clip is too slow for the library, too long or needs more
+        memory than is available, or its content cannot be used.
 
     Examples
     --------
@@ -152,6 +153,7 @@ def solve(
     """
     require_whole("scenes", scenes, least=1)
     config, known, clip = _config(config), _library(library), _one(clip)
+    require_feasible(clip, known)
     with interruptible(), shown(progress) as report:
         actors = solve_actors(clip, known, settings=config.settings, progress=report)
     return solved(clip, actors, count=scenes)
@@ -224,9 +226,9 @@ def sample(
     Raises
     ------
     InputError
-        An argument is invalid, ``start`` is of another clip, library or settings, the clip needs
-        more memory than is available, its content cannot be used, or no scene of clip and library
-        can fulfil ``given``.
+        An argument is invalid, ``start`` is of another clip, library or settings, the clip is
+        too slow for the library, too long or needs more memory than is available, its content
+        cannot be used, or no scene of clip and library can fulfil ``given``.
 
     Examples
     --------

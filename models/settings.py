@@ -34,7 +34,6 @@ __all__ = [
     "SHORTEST_CLIP",
     "SHORTEST_FOCAL",
     "SIDE_SPREAD",
-    "SLOWEST_FILM",
     "STEEPEST_CAMERA",
     "CameraSettings",
     "ModelSettings",
@@ -75,9 +74,9 @@ FARTHEST_KEYPOINT: Final = 1e4
 """Largest coordinate of a keypoint in units of the longer image side. Detectors place joints a
 little outside the image; draws of the detection model, whose tails have two degrees of freedom, lie
 up to some hundred image sides away."""
-SLOWEST_FILM: Final = 0.1
 QUICKEST_FILM: Final = 1_000.0
-"""Limits of the frame rate, frames per second: one in ten seconds, and high-speed cameras."""
+"""Largest frame rate, frames per second: that of high-speed cameras. The least one depends on the
+library, see `imapper_prob.models.problem.require_rate`."""
 LONGEST_CLIP: Final = 36_000
 """Most frames of a clip: an hour at ten per second. More indicate a damaged frame number."""
 SHORTEST_CLIP: Final = 8
