@@ -295,7 +295,7 @@ def test_fits_say_nothing_of_the_right_motion_under_the_published_energy() -> No
     assert np.isfinite(METHODS["default"].best_fits(problem, fits)).any()
 
 
-def test_only_its_own_stages_run_and_are_shown() -> None:
+def test_only_its_own_stages_run_and_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, path = worlds.problem(30, settings=PAPER), worlds.path_of(worlds.walk(30))
     clip, library = worlds.clip_of(worlds.walk(30), np.random.default_rng(0)), worlds.library()
     fits = fit_windows(problem, path, fps=10.0, squared=True)
@@ -312,6 +312,15 @@ def test_only_its_own_stages_run_and_are_shown() -> None:
     assert found.candidates == tuple(r.candidate for t in found.shortlists for r in t.rows)
     answer = solved(clip, [found], count=2)
     assert [scene.states for scene in answer.scenes] == [(state,) for state in found.states[:2]]
+
+    # Of several people too, only the scenes of this method are shown, and no other is refined.
+    def refined(*_: object) -> State:
+        raise AssertionError("a scene is refined that is not shown")
+
+    monkeypatch.setattr("imapper_prob.solver.actors.refine", refined)
+    both = replace(clip, tracks=(clip.tracks[0], replace(clip.tracks[0], name="B")))
+    pair = solved(both, [found, found], count=2)
+    assert [scene.states for scene in pair.scenes] == [(state, state) for state in found.states[:2]]
     _, _, outcome = stage_table(answer, [("filtering candidates", 1.0)]).columns
     assert "maxima of charness" in next(iter(outcome.cells))
     judged = next(v for v in stage_views(answer) if v.name == "Candidates judged")
