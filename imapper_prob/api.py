@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.statement_rows import check_statements, tell
 from imapper_prob.models.statements import Statement
+from imapper_prob.models.text import shortened
 from imapper_prob.progress import Progress, shown
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.samplers.interrupts import interruptible
@@ -141,7 +142,8 @@ def solve(
     Raises
     ------
     InputError
-        An argument is of another type, or the content of the clip cannot be used.
+        An argument is of another type, the clip is too slow for the library, too long or needs more
+        memory than is available, or its content cannot be used.
 
     Examples
     --------
@@ -151,6 +153,7 @@ def solve(
     """
     require_whole("scenes", scenes, least=1)
     config, known, clip = _config(config), _library(library), _one(clip)
+    require_feasible(clip, known)
     with interruptible(), shown(progress) as report:
         actors = solve_actors(clip, known, settings=config.settings, progress=report)
     return solved(clip, actors, count=scenes)
@@ -185,8 +188,8 @@ def sample(
     clip, library
         See `solve`.
     start : Solved, Solution or sequence of Solution, optional
-        Starting point: the result of `solve` for this clip, library and model, or the solutions by
-        actor. If not given, all actors are solved first.
+        Starting point: the result of `solve` for this clip, library and settings, or the solutions
+        by actor. If not given, all actors are solved first.
     given : sequence of Statement
         Statements known besides the clip, such as `ObjectAt`; each is a term of the target density.
     rng : int, optional
@@ -223,9 +226,9 @@ def sample(
     Raises
     ------
     InputError
-        An argument is invalid, ``start`` is of another clip, library or model, the clip needs more
-        memory than is available, its content cannot be used, or no scene of clip and library can
-        fulfil ``given``.
+        An argument is invalid, ``start`` is of another clip, library or settings, the clip is
+        too slow for the library, too long or needs more memory than is available, its content
+        cannot be used, or no scene of clip and library can fulfil ``given``.
 
     Examples
     --------
@@ -296,14 +299,6 @@ def _library(library: Library | None) -> Library:
     return known
 
 
-_OF_START: Final = (
-    "size_spread", "facing_spread", "sight_width", "visibility_error", "joint_step",
-    "smoothness_cost", "collision_cost", "motion_cost", "furniture_aside", "merge_angle",
-    "likelihood",
-)  # fmt: skip
-"""Settings of the model that a solution keeps unchanged."""
-
-
 def _solutions(
     start: Solved | Solution | Sequence[Solution],
     clip: Clip,
@@ -315,7 +310,7 @@ def _solutions(
     Raises
     ------
     InputError
-        They are not solutions, or are of another clip, library or model.
+        They are not solutions, or are of another clip, library or settings.
     """
     found: Any = start.actors if isinstance(start, Solved) else start
     found = (found,) if isinstance(found, Solution) else found
@@ -331,15 +326,12 @@ def _solutions(
         )
     if library is not None and _library(library).digest != found[0].library.digest:
         raise InputError(f"start is of another library, {found[0].library.name}; solve with this")
-    model, problem = config.model, found[0].problem
-    if problem.of_paper != (model.energy == "paper" and model.likelihood > 0):
-        raise InputError(f"start is not of energy = {model.energy!r}, as config; solve with config")
-    for name in _OF_START:
-        if getattr(problem, name) != getattr(model, name):
-            raise InputError(
-                f"start has {name} = {getattr(problem, name)}, config has {getattr(model, name)}; "
-                "solve with config"
-            )
+    names = dict.fromkeys(n for s in found for n in s.settings.differences(config.settings))
+    if names:
+        raise InputError(
+            f"start is of other settings than config ({shortened(names, most=5)}); solve with "
+            "config"
+        )
     return tuple(found)
 
 

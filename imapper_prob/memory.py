@@ -1,4 +1,4 @@
-"""Check before the work whether a clip is short enough for one run and the available memory."""
+"""Check before the work whether a clip suits library, time and memory of a run."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Final
 
 from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.problem import require_rate
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import SHORTEST_CLIP
@@ -114,7 +115,7 @@ def _cached(statistics: Path) -> int:
 
 
 def require_feasible(clip: Clip, library: Library, settings: SampleSettings | None = None) -> None:
-    """Refuse a clip that is too long for a run, or needs more memory than is available.
+    """Refuse a clip that is too slow for the library, or too long for a run or for the memory.
 
     Parameters
     ----------
@@ -126,8 +127,10 @@ def require_feasible(clip: Clip, library: Library, settings: SampleSettings | No
     Raises
     ------
     InputError
-        Says how much is needed and available, and how many frames would fit.
+        Says which frame rate the library needs, or how much memory is needed and available and how
+        many frames would fit.
     """
+    require_rate(clip, library)
     _require_short(clip)
     _require_memory(clip, library, settings)
 

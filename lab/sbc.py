@@ -46,7 +46,7 @@ from imapper_prob.models.path_prior import CameraPrior, StaticPath
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.scenelet import Library, Scenelet
-from imapper_prob.models.settings import ModelSettings
+from imapper_prob.models.settings import ModelSettings, Settings
 from imapper_prob.models.skeleton import DETECTED, N_JOINTS, PELV, turned
 from imapper_prob.samplers.diagnostics import ess
 from imapper_prob.sampling.chain import run_chain
@@ -187,7 +187,7 @@ def _solve_given(experiment: Experiment) -> Solution:
     )  # fmt: skip
     fitted = Fitted(
         experiment.path, frames, experiment.camera, problem, fits,
-        charness(library, distances), distances,
+        charness(library, distances), distances, Settings(model=experiment.settings),
     )  # fmt: skip
     return solve_fitted(clip, library, fitted)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import astuple, fields
 from typing import Any, Final, NamedTuple
 
@@ -41,6 +42,7 @@ __all__ = [
     "label_kinds",
     "labels_of",
     "pack_problem",
+    "require_rate",
     "resample",
     "seat_chances",
 ]
@@ -288,6 +290,31 @@ def resample(joints: Array, *, fps: float, to_fps: float) -> Array:
     return result
 
 
+def require_rate(clip: Clip, library: Library) -> None:
+    """Refuse a clip at whose frame rate a scenelet of the library would have a single frame.
+
+    The path of a person continues from the last two frames of a scenelet.
+
+    Parameters
+    ----------
+    clip : Clip
+    library : Library
+
+    Raises
+    ------
+    InputError
+        Says which rate is needed, and by which scenelet.
+    """
+    shortest = max(library, key=lambda scenelet: scenelet.slowest_film)
+    if clip.fps < shortest.slowest_film:
+        raise InputError(
+            f"clip {clip.name}: {clip.fps:g} frames a second; library {library.name} needs at "
+            f"least {math.ceil(100 * shortest.slowest_film) / 100:g}, because scenelet "
+            f"{shortest.name} has a single frame below that; use a film of a higher rate, or a "
+            "library of longer scenelets"
+        )
+
+
 def pack_problem(
     clip: Clip,
     path: StaticPath,
@@ -484,18 +511,13 @@ def _library_arrays(
     clip: Clip, library: Library, settings: ModelSettings, weights: Array | None
 ) -> dict[str, Any]:
     """Fields of a problem that hold the scenelets, at the clip's frame rate."""
+    require_rate(clip, library)
     motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
     lengths = np.array([len(m) for m in motions])
     if lengths.min() > clip.n_frames:
         raise InputError(
             f"clip {clip.name}: {clip.n_frames} frames, but the shortest scenelet of library "
             f"{library.name} has {lengths.min()}; use a longer clip"
-        )
-    if lengths.min() < 2:
-        short = library[int(lengths.argmin())].name
-        raise InputError(
-            f"clip {clip.name}: at {clip.fps:g} frames a second scenelet {short} of library "
-            f"{library.name} is a single frame; leave it out, or use a film of a higher rate"
         )
     shares = np.ones(len(library)) if weights is None else np.asarray(weights, float)
     labels = labels_of(library)

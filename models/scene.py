@@ -37,7 +37,6 @@ from imapper_prob.models.settings import (
     MOST_PEOPLE,
     QUICKEST_FILM,
     SHORTEST_FOCAL,
-    SLOWEST_FILM,
     STEEPEST_CAMERA,
 )
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
@@ -528,10 +527,9 @@ class Clip:
     def _check_size(self, n_frames: int) -> None:
         """Check that sizes are realistic, before arrays of these sizes are made."""
         camera, name = self.camera, self.name
-        if not SLOWEST_FILM <= self.fps <= QUICKEST_FILM:
+        if self.fps > QUICKEST_FILM:
             raise InputError(
-                f"clip {name}: {self.fps:g} frames a second; films have {SLOWEST_FILM:g} to "
-                f"{QUICKEST_FILM:g}"
+                f"clip {name}: {self.fps:g} frames a second; films have {QUICKEST_FILM:g} at most"
             )
         if n_frames > LONGEST_CLIP:
             raise InputError(

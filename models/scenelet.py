@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import SceneObject, read_only
-from imapper_prob.models.settings import QUICKEST_FILM, SLOWEST_FILM
+from imapper_prob.models.settings import QUICKEST_FILM
 from imapper_prob.models.skeleton import N_JOINTS
 from imapper_prob.models.text import Listed, brief, readable
 
@@ -22,6 +22,8 @@ __all__ = ["Library", "Scenelet"]
 
 Array = NDArray[np.float64]
 
+_LEAST_RATE: Final = 0.1
+"""Least frame rate of a recorded motion, frames per second; less indicates a damaged number."""
 _FARTHEST: Final = 100.0
 """Largest distance in metres of joints and furniture from the origin of a scenelet's frame."""
 
@@ -75,10 +77,10 @@ class Scenelet:
             bounds = np.abs([o.bounds.ravel().tolist(), [o.placement.x, o.placement.y, 0, 0, 0, 0]])
             if bounds.max() > _FARTHEST:
                 raise InputError(f"scenelet {self.name}: its {o.label} is {bounds.max():g} m away")
-        if not (np.isfinite(self.fps) and SLOWEST_FILM <= self.fps <= QUICKEST_FILM):
+        if not _LEAST_RATE <= self.fps <= QUICKEST_FILM:
             raise InputError(
-                f"scenelet {self.name}: {self.fps:g} frames a second; films have "
-                f"{SLOWEST_FILM:g} to {QUICKEST_FILM:g}"
+                f"scenelet {self.name}: {self.fps:g} frames a second; it may have "
+                f"{_LEAST_RATE:g} to {QUICKEST_FILM:g}"
             )
         if not (np.isfinite(self.weight) and self.weight > 0):
             raise InputError(f"scenelet {self.name}: weight {self.weight} must be positive")
@@ -89,6 +91,19 @@ class Scenelet:
     def n_frames(self) -> int:
         """n, the number of frames."""
         return len(self.joints)
+
+    @property
+    def slowest_film(self) -> float:
+        """Least frame rate of a clip, frames per second, at which the motion has two frames.
+
+        Examples
+        --------
+        >>> scenelet = im.load_library()[0]
+        >>> 1 < scenelet.slowest_film < scenelet.fps
+        True
+        """
+        # A motion at another rate keeps its middle frame, the later of two.
+        return self.fps / (self.n_frames // 2)
 
     @property
     def labels(self) -> tuple[str, ...]:

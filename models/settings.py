@@ -34,7 +34,6 @@ __all__ = [
     "SHORTEST_CLIP",
     "SHORTEST_FOCAL",
     "SIDE_SPREAD",
-    "SLOWEST_FILM",
     "STEEPEST_CAMERA",
     "CameraSettings",
     "ModelSettings",
@@ -75,9 +74,9 @@ FARTHEST_KEYPOINT: Final = 1e4
 """Largest coordinate of a keypoint in units of the longer image side. Detectors place joints a
 little outside the image; draws of the detection model, whose tails have two degrees of freedom, lie
 up to some hundred image sides away."""
-SLOWEST_FILM: Final = 0.1
 QUICKEST_FILM: Final = 1_000.0
-"""Limits of the frame rate, frames per second: one in ten seconds, and high-speed cameras."""
+"""Largest frame rate, frames per second: that of high-speed cameras. The least one depends on the
+library, see `imapper_prob.models.problem.require_rate`."""
 LONGEST_CLIP: Final = 36_000
 """Most frames of a clip: an hour at ten per second. More indicate a damaged frame number."""
 SHORTEST_CLIP: Final = 8
@@ -428,6 +427,26 @@ class Settings:
     camera: CameraSettings = field(default_factory=CameraSettings)
     detector: DetectorSettings = field(default_factory=DetectorSettings)
     device: str = "cpu"
+
+    def differences(self, other: Settings) -> tuple[str, ...]:
+        """Names of the constants that have another value in other settings.
+
+        Parameters
+        ----------
+        other : Settings
+
+        Returns
+        -------
+        tuple of str
+            Such as ``"path.walk_time"``. The device is no constant of the model.
+        """
+        tables = ((f.name, getattr(self, f.name)) for f in fields(self) if f.name != "device")
+        return tuple(
+            f"{name}.{constant.name}"
+            for name, own in tables
+            for constant in fields(own)
+            if getattr(own, constant.name) != getattr(getattr(other, name), constant.name)
+        )
 
     def without(self, scene: str) -> Settings:
         """The settings with estimated constants that leave out one scene, for cross-validation.

@@ -23,6 +23,7 @@ __all__ = [
     "in_markdown",
     "plural",
     "readable",
+    "shortened",
     "with_error",
 ]
 
@@ -150,6 +151,31 @@ def counted(names: Iterable[str]) -> str:
     """
     found = Counter(sorted(names)).most_common()
     return ", ".join(f"{n} {plural(name) if n > 1 else name}" for name, n in found) or "none"
+
+
+def shortened(items: Iterable[object], *, most: int) -> str:
+    """The first items, separated by commas, and the number of further ones.
+
+    Parameters
+    ----------
+    items : iterable
+    most : int
+        Number of items that are listed.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> from imapper_prob.models.text import shortened
+    >>> shortened(["a", "b", "c"], most=2)
+    'a, b and 1 more'
+    """
+    items = list(items)
+    text = ", ".join(map(str, items[:most]))
+    more = len(items) - most
+    return f"{text} and {more} more" if more > 0 else text
 
 
 def in_markdown(text: str) -> str:

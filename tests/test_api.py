@@ -19,7 +19,12 @@ from tests.runs import half_library, posterior, small_solution, solution
 
 CLIP = im.demo_clip()
 PAPER = im.Config(model=replace(ModelSettings(), energy="paper"))
-COSTLY = im.Config(model=replace(ModelSettings(), collision_cost=1.0))
+USUAL = im.Config()
+COSTLY = replace(USUAL, model=replace(USUAL.model, collision_cost=1.0))
+HEAVY = replace(USUAL, model=replace(USUAL.model, frame_weight=1.0))
+WALKING = replace(USUAL, path=replace(USUAL.path, walk_time=0.5, dof=3.0))
+TILTED = replace(USUAL, camera=replace(USUAL.camera, pitch=0.2))
+SHARP = replace(USUAL, detector=replace(USUAL.detector, seen_error_scale=(1.0, 1.0)))
 
 
 @pytest.fixture(autouse=True)
@@ -63,8 +68,13 @@ def test_given_refuses_bad_numbers_at_once(arguments: dict[str, int]) -> None:
     ("start", "config", "words"),
     [
         (lambda: small_solution(), im.Config(), "start is of another clip"),
-        (lambda: solution(), PAPER, "energy = 'paper'"),
-        (lambda: solution(), COSTLY, "collision_cost"),
+        (lambda: solution(), PAPER, r"other settings than config \(model.energy\)"),
+        (lambda: solution(), COSTLY, r"\(model.collision_cost\); solve with config"),
+        (lambda: solution(), HEAVY, r"\(model.frame_weight\)"),
+        (lambda: solution(), WALKING, r"\(path.dof, path.walk_time\)"),
+        (lambda: solution(), TILTED, r"\(camera.pitch\)"),
+        (lambda: solution(), SHARP, r"\(detector.seen_error_scale\)"),
+        (lambda: solution(), USUAL.without("Scene04"), r"\(model\..*, .* and \d+ more\)"),
         (lambda: [], im.Config(), "must be the result of solve"),
         (lambda: "x", im.Config(), "must be the result of solve"),
     ],
@@ -74,6 +84,12 @@ def test_a_start_of_something_else_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=words):
         im.sample(CLIP, half_library(), start=start(), config=config)
+
+
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+def test_a_start_of_the_same_settings_is_sampled_whatever_its_device(device: str) -> None:
+    with pytest.raises(AssertionError, match="work was begun"):
+        im.sample(CLIP, half_library(), start=solution(), config=im.Config(seed=5, device=device))
 
 
 def test_a_start_of_another_library_is_refused() -> None:

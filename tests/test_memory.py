@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from imapper_prob import memory
-from imapper_prob.api import demo_clip
+from imapper_prob.api import demo_clip, sample, solve
 from imapper_prob.cli import main
 from imapper_prob.clips.load import load_clip, write_clip
 from imapper_prob.config import SampleSettings
@@ -51,6 +51,34 @@ def test_a_clip_that_does_not_fit_is_refused_before_the_work(
     memory.require_feasible(part, load_library(), SampleSettings())
     with pytest.raises(InputError, match="GB of memory"):
         memory.require_feasible(load_clip(tmp_path / "clip.npz"), load_library(), SampleSettings())
+
+
+@pytest.mark.parametrize("command", ["run", "solve"])
+def test_a_clip_that_is_too_slow_for_the_library_is_refused_before_the_work(
+    command: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def work(*_: object, **__: object) -> None:
+        raise AssertionError("work was begun")
+
+    monkeypatch.setattr("imapper_prob.solver.solver.fit_clip", work)
+    monkeypatch.setattr("imapper_prob.solver.actors.estimate_camera", work)
+    for fps in (0.01, 1.42):
+        clip = replace(demo_clip(), fps=fps)
+        write_clip(tmp_path / "clip.npz", clip)
+        assert main([command, str(tmp_path / "clip.npz"), "-o", str(tmp_path / "out")]) == 2
+        said = " ".join(capsys.readouterr().err.split())
+        assert f"clip demo: {fps:g} frames a second; library built-in 3 needs at least 1.43" in said
+        assert not (tmp_path / "out").exists()
+        with pytest.raises(InputError, match=r"needs at least 1\.43"):
+            solve(clip)
+        with pytest.raises(InputError, match=r"needs at least 1\.43"):
+            sample(clip)
+    page = (ROOT / "docs" / "reference" / "robustness.md").read_text()
+    assert "| frames a second | 1,000; at least 1.43 with the built-in library |" in page
+    memory.require_feasible(replace(demo_clip(), fps=1.43), load_library())
 
 
 def test_frames_of_all_people_count(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import logging
 import multiprocessing
+import os
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
@@ -76,6 +78,7 @@ from imapper_prob.sampling.cluster import Cluster, connected, executor_of
 __all__ = ["evaluate_results"]
 
 _DOTS_PER_INCH = 150
+_log = logging.getLogger(__name__)
 
 
 def evaluate_results(options: argparse.Namespace) -> None:
@@ -102,6 +105,7 @@ def evaluate_results(options: argparse.Namespace) -> None:
 
 
 def _runs(options: argparse.Namespace) -> None:
+    _require_different(options.results)
     output = options.output or options.results[0]
     if output.is_file():
         raise InputError(
@@ -118,6 +122,14 @@ def _runs(options: argparse.Namespace) -> None:
     if posteriors:
         figures["coverage.png"] = coverage_figure(posteriors)
     _write(output, evaluation, ours, theirs, figures)
+
+
+def _require_different(results: Sequence[Path]) -> None:
+    """Refuse a file or folder that is named twice."""
+    places = [os.path.realpath(path) for path in results]
+    for path, place in zip(results, places, strict=True):
+        if places.count(place) > 1:
+            raise InputError(f"{path}: is named twice; name each result once")
 
 
 def _read(
@@ -272,15 +284,29 @@ _OF_METHODS = {"predictions": "*.json", "detections": "*.json", "depths": "*.npz
 
 
 def _require_files_of_methods(options: argparse.Namespace, scenes: Sequence[Path]) -> None:
-    """Refuse a folder of other methods without a file for any scene."""
+    """Refuse a folder of other methods without a file for any scene; warn of what is not read."""
+    names = [scene.name for scene in scenes]
     for name, pattern in _OF_METHODS.items():
         folder = getattr(options, name)
-        if folder is None or any(any((folder / s.name).glob(pattern)) for s in scenes):
+        if folder is None:
             continue
-        raise InputError(
-            f"--{name} {folder}: has no file of any scene; expected such as "
-            f"{folder / scenes[0].name / pattern.replace('*', 'NAME')}"
-        )
+        filled = sorted({path.parent.name for path in folder.glob(f"*/{pattern}")})
+        if not set(filled).intersection(names):
+            raise InputError(
+                f"--{name} {folder}: has no file of any scene; expected such as "
+                f"{folder / names[0] / pattern.replace('*', 'NAME')}"
+            )
+        unknown = [other for other in filled if other not in names]
+        if unknown:
+            _log.warning(
+                "--%s %s: %s not read, because no scene with truth in %s has this name; scenes "
+                "are %s",
+                name,
+                folder,
+                ", ".join(unknown),
+                options.suite,
+                ", ".join(names),
+            )
 
 
 @contextmanager

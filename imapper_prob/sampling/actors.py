@@ -23,6 +23,7 @@ from imapper_prob.models.path_prior import CameraPrior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
+from imapper_prob.models.text import shortened
 from imapper_prob.solver.candidates import refine
 from imapper_prob.solver.solver import Solution
 
@@ -82,7 +83,7 @@ def join_actors(solutions: Sequence[Solution]) -> JointProblem:
     Raises
     ------
     InputError
-        The actors were solved with different cameras or libraries.
+        The actors were solved with different cameras, libraries or settings.
     """
     first = solutions[0]
     clip, problem, states = first.clip, first.problem, first.states
@@ -116,6 +117,12 @@ def _common_camera(solutions: Sequence[Solution]) -> CameraPrior:
             raise InputError(
                 f"clip {first.clip.name}: its actors were solved with different cameras or "
                 "libraries; solve them together"
+            )
+        names = first.settings.differences(other.settings)
+        if names:
+            raise InputError(
+                f"clip {first.clip.name}: its actors were solved with different settings "
+                f"({shortened(names, most=5)}); solve them together"
             )
     agreed = first.camera.covariance[np.ix_(_SHARED, _SHARED)]
     rows = [s.camera.covariance[_BODY] for s in solutions]

@@ -9,7 +9,6 @@ statements.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,19 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
-from imapper_prob.layouts import group_layouts, through_one_lens
 from imapper_prob.models.log_posterior import State, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.statement_rows import log_by_chance, tell
 from imapper_prob.models.statements import ObjectAt, Statement, describe
 from imapper_prob.progress import Progress
-from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities
 from imapper_prob.samplers.reweighting import Reweighted, bridge, families_of, resample
-from imapper_prob.samplers.verdict import Verdict, judge
+from imapper_prob.samplers.verdict import Verdict
 from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.chain import Setup, tempered
-from imapper_prob.sampling.sample import Samples, functionals, sample_scenes, setup_of
+from imapper_prob.sampling.sample import Samples, judge_draws, sample_scenes, setup_of
 from imapper_prob.sampling.steps import Walker
 from imapper_prob.sampling.visits import Visits
 from imapper_prob.solver.solver import Solution
@@ -237,23 +234,16 @@ def reweighted(
     states = tuple(samples.states[n] for n in chosen)
     objects = tuple(samples.objects[n] for n in chosen)
     log_posterior = (samples.log_posterior.ravel() + values)[chosen].reshape(chains, kept)
-    seen = through_one_lens(objects, [state.camera[2] for state in states])
-    layouts = group_layouts(seen, log_posterior.ravel(), radius=settings.layout_radius)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ShortChainWarning)
-        probabilities = layout_probabilities(
-            1 + layouts.indicator.reshape(log_posterior.shape), rng=rng
-        )
-        judged = judge(probabilities, functionals(log_posterior, states, objects))
+    judged = judge_draws(states, log_posterior, objects, radius=settings.layout_radius, rng=rng)
     return replace(
         samples,
         states=states,
         log_posterior=log_posterior,
         objects=objects,
-        layouts=layouts,
-        probabilities=probabilities,
+        layouts=judged.layouts,
+        probabilities=judged.probabilities,
         walked=None,
-        verdict=_verdict_of_chosen(samples.verdict, judged, len(states)),
+        verdict=_verdict_of_chosen(samples.verdict, judged.verdict, len(states)),
     )
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +60,7 @@ from imapper_prob.sampling.schedule import (
 from imapper_prob.scenelets.charness import similarity
 from imapper_prob.solver.solver import Solution
 
-__all__ = ["Progress", "Samples", "functionals", "sample_scenes", "setup_of"]
+__all__ = ["Progress", "Samples", "functionals", "judge_draws", "sample_scenes", "setup_of"]
 
 Array = NDArray[np.float64]
 
@@ -472,18 +472,15 @@ def _said_by(
 ) -> _Drawn:
     """Layouts, probabilities and verdict of draws; ``before`` are measures before ensembles."""
     objects = tuple(merged_objects(source.problem, source.library, state) for state in states)
-    seen = through_one_lens(objects, [state.camera[2] for state in states])
-    layouts = group_layouts(seen, values.ravel(), radius=settings.layout_radius)
-    with warnings.catch_warnings():
-        # The verdict reports chains that are too short.
-        warnings.simplefilter("ignore", ShortChainWarning)
-        probabilities = layout_probabilities(
-            1 + layouts.indicator.reshape(values.shape), rng=np.random.default_rng(layout_seed)
-        )
-        common = functionals(values, states, objects)
-        ladders = tuple(chain.ladder for chain in chains)
-        measures = measure(probabilities, common)
-        verdict = judge(probabilities, common, ladders=ladders, before=before)
+    layouts, probabilities, measures, verdict = judge_draws(
+        states,
+        values,
+        objects,
+        radius=settings.layout_radius,
+        rng=np.random.default_rng(layout_seed),
+        ladders=tuple(chain.ladder for chain in chains),
+        before=before,
+    )
     if dropped:
         verdict = verdict._replace(
             text=f"{verdict.text} All chains found a better scene late: the first {dropped} draws "
@@ -551,6 +548,69 @@ def setup_of(solution: Solution | JointProblem, settings: SampleSettings) -> Set
         source.problem, gains_of(source.problem), similarity(source.distances), settings,
         source.states,
     )  # fmt: skip
+
+
+class Judged(NamedTuple):
+    """What draws say about layouts, and whether they have converged.
+
+    Parameters
+    ----------
+    layouts : Layouts
+        The layout of each draw.
+    probabilities : LayoutProbabilities
+        Probabilities of layouts, which are numbered from 1.
+    measures : Measures
+        Convergence measures of these draws.
+    verdict : Verdict
+    """
+
+    layouts: Layouts
+    probabilities: LayoutProbabilities
+    measures: Measures
+    verdict: Verdict
+
+
+def judge_draws(
+    states: Sequence[State],
+    values: Array,
+    objects: Sequence[Sequence[SceneObject]],
+    *,
+    radius: float,
+    rng: np.random.Generator,
+    ladders: Sequence[LadderSummary] = (),
+    before: Measures | None = None,
+) -> Judged:
+    """Group draws into layouts, and judge their convergence.
+
+    Parameters
+    ----------
+    states : sequence of C N State
+    values : (C, N) float
+        Log-posterior, nats.
+    objects : sequence of C N sequence of SceneObject
+        Merged furniture of each draw, in its world frame.
+    radius : float
+        Distance in metres within which objects of two draws count as the same.
+    rng : numpy.random.Generator
+    ladders : sequence of LadderSummary
+        Summaries of tempered chains, for the text of the verdict.
+    before : Measures, optional
+        Measures of the draws before they were moved by ensembles.
+
+    Returns
+    -------
+    Judged
+    """
+    seen = through_one_lens(objects, [state.camera[2] for state in states])
+    layouts = group_layouts(seen, values.ravel(), radius=radius)
+    with warnings.catch_warnings():
+        # The verdict reports chains that are too short.
+        warnings.simplefilter("ignore", ShortChainWarning)
+        probabilities = layout_probabilities(1 + layouts.indicator.reshape(values.shape), rng=rng)
+        common = functionals(values, states, objects)
+        measures = measure(probabilities, common)
+        verdict = judge(probabilities, common, ladders=ladders, before=before)
+    return Judged(layouts, probabilities, measures, verdict)
 
 
 def functionals(

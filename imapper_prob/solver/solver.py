@@ -162,6 +162,8 @@ class Solution:
         Distances between the motions of scenelets, metres.
     fits : Fits
         Fits of every scenelet in every window.
+    settings : Settings
+        Constants with which the clip was solved.
 
     Examples
     --------
@@ -182,6 +184,7 @@ class Solution:
     combinations: Combinations = field(repr=False)
     distances: NDArray[np.float64] = field(repr=False)
     fits: Fits = field(repr=False)
+    settings: Settings = field(repr=False)
 
     __repr__ = brief
 
@@ -274,6 +277,8 @@ class Fitted:
         Charness of the library's scenelets.
     distances : (L, L) float
         Distances between the motions of scenelets, metres.
+    settings : Settings
+        Constants of these stages.
     """
 
     path: StaticPath
@@ -283,6 +288,7 @@ class Fitted:
     fits: Fits
     charness: NDArray[np.float64]
     distances: NDArray[np.float64]
+    settings: Settings
 
     __repr__ = brief
 
@@ -342,7 +348,7 @@ def fit_clip(
     problem = problem._replace(free_cost=free_pose_cost(problem, fits))
     if progress is not None:
         progress("judging free poses", 1.0)
-    return Fitted(path, frames, camera, problem, fits, characteristic, distances)
+    return Fitted(path, frames, camera, problem, fits, characteristic, distances, settings)
 
 
 def solve_fitted(
@@ -376,6 +382,7 @@ def solve_fitted(
         chosen.combinations,
         fitted.distances,
         fitted.fits,
+        fitted.settings,
     )
 
 

@@ -15,7 +15,7 @@ from xarray import Dataset
 
 from imapper_prob.layouts import group_of
 from imapper_prob.models.scene import Clip, SceneObject, Truth
-from imapper_prob.models.text import as_probability, counted, in_markdown, with_error
+from imapper_prob.models.text import as_probability, counted, in_markdown, shortened, with_error
 from imapper_prob.sampling.ensembles import describe_walked
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import Check
@@ -51,16 +51,9 @@ def scene_table(scenes: Sequence[WeightedScene]) -> Table:
             str(number),
             with_error(weighted.probability, weighted.error),
             counted(weighted.names),
-            _shortened(weighted.layouts),
+            shortened(weighted.layouts, most=_LISTED),
         )
     return table
-
-
-def _shortened(layouts: Sequence[int]) -> str:
-    """The first layouts of a scene, and the number of further ones."""
-    listed = ", ".join(map(str, layouts[:_LISTED]))
-    more = len(layouts) - _LISTED
-    return f"{listed} and {more} more" if more > 0 else listed
 
 
 def object_rows(posterior_summary: Dataset) -> list[dict[str, Any]]:

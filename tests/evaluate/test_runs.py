@@ -189,6 +189,23 @@ def test_runs_of_one_name_are_told_apart(
     names = [method["name"] for method in document["methods"]]
     assert len(set(names)) == len(names)
     assert all(any(name.startswith(f"{other}: ") for name in names) for other in others)
-    capsys.readouterr()
-    assert main(["evaluate", str(folder), str(folder), "-o", str(tmp_path / "again")]) == 2
-    assert "two results for demo are called so" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_result_that_is_named_twice_is_refused_before_it_is_read(
+    folder: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def read(*_: object) -> None:
+        raise AssertionError("work was begun")
+
+    monkeypatch.setattr("imapper_prob.cli.evaluate.load_posterior", read)
+    monkeypatch.setattr("imapper_prob.cli.evaluate.known_scene", read)
+    (tmp_path / "link").symlink_to(folder)
+    for again in (folder, folder / "posterior.nc", tmp_path / "link"):
+        arguments = ["evaluate", str(folder), str(again), "--truth", str(tmp_path)]
+        assert main([*arguments, "-o", str(tmp_path / "out")]) == 2
+        said = " ".join(capsys.readouterr().err.split())
+        assert f"{folder}: is named twice; name each result once" in said
+    assert not (tmp_path / "out").exists()

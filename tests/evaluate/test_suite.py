@@ -99,6 +99,11 @@ def test_what_is_known_after_parts_of_a_clip_is_drawn() -> None:
         assert axes.lines[0].get_xdata().tolist() == [50.0, 100.0]
 
 
+def test_two_results_of_one_name_are_refused() -> None:
+    with pytest.raises(InputError, match=f"two results for {truth().name} are called so"):
+        evaluate([(truth(), [prediction(), prediction()])])
+
+
 def test_no_scenes_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no i3DB scene there"):
         scenes_with_truth(tmp_path)
@@ -180,14 +185,41 @@ def test_the_page_has_every_table(suite: Path, capsys: pytest.CaptureFixture[str
         assert (suite / name).stat().st_size > 10_000
 
 
+def _of_methods(folder: Path) -> Namespace:
+    return Namespace(suite=folder / "i3db", predictions=None, detections=None, depths=None)
+
+
 @pytest.mark.parametrize("option", ["predictions", "detections", "depths"])
 def test_a_folder_without_files_of_the_scenes_is_refused(tmp_path: Path, option: str) -> None:
     (tmp_path / "theirs").mkdir()
     (tmp_path / "theirs" / "Scene04.json").touch()
-    said = Namespace(**dict.fromkeys(["predictions", "detections", "depths"]))
+    said = _of_methods(tmp_path)
     setattr(said, option, tmp_path / "theirs")
     with pytest.raises(InputError, match=rf"--{option} .*theirs: has no file of any scene"):
         _require_files_of_methods(said, [tmp_path / "i3db" / "Scene04"])
     (tmp_path / "theirs" / "Scene04").mkdir()
     (tmp_path / "theirs" / "Scene04" / f"a.{'npz' if option == 'depths' else 'json'}").touch()
     _require_files_of_methods(said, [tmp_path / "i3db" / "Scene04"])
+
+
+@pytest.mark.parametrize(
+    ("option", "file"),
+    [("predictions", "a.json"), ("detections", "a.json"), ("depths", "a.npz")],
+)
+def test_a_folder_of_no_scene_is_named(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, option: str, file: str
+) -> None:
+    scenes = [tmp_path / "i3db" / name for name in ("Scene04", "Scene10")]
+    for name in ("Scene04", "Scene4", "scene10"):
+        (tmp_path / "theirs" / name).mkdir(parents=True)
+        (tmp_path / "theirs" / name / file).touch()
+    (tmp_path / "theirs" / "pictures").mkdir()
+    (tmp_path / "theirs" / "pictures" / "a.png").touch()
+    said = _of_methods(tmp_path)
+    setattr(said, option, tmp_path / "theirs")
+    _require_files_of_methods(said, scenes)
+    (told,) = caplog.messages
+    assert told == (
+        f"--{option} {tmp_path / 'theirs'}: Scene4, scene10 not read, because no scene with truth "
+        f"in {tmp_path / 'i3db'} has this name; scenes are Scene04, Scene10"
+    )

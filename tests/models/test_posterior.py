@@ -11,6 +11,7 @@ from scipy.stats import norm
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import State, empty_state, log_posterior, motion, terms
+from imapper_prob.models.problem import resample
 from imapper_prob.models.settings import ModelSettings
 from tests.models import worlds
 
@@ -123,8 +124,19 @@ def test_a_clip_shorter_than_every_scenelet_is_refused() -> None:
 def test_a_scenelet_of_one_frame_is_refused() -> None:
     """The path goes on from its last two."""
     quick = worlds.Library("quick", (replace(worlds.library(2)[0], fps=100.0),))
-    with pytest.raises(InputError, match="stand-0 of library quick is a single frame"):
+    with pytest.raises(InputError, match="10 frames a second; library quick needs at least 100,"):
         worlds.problem(20, scenelets=quick)
+
+
+@pytest.mark.parametrize("n_frames", [2, 3, 4, 15, 20])
+@pytest.mark.parametrize("fps", [8.0, 10.0, 29.97])
+def test_the_slowest_film_of_a_motion_has_two_of_its_frames(n_frames: int, fps: float) -> None:
+    scenelet = replace(worlds.library(n_frames)[0], fps=fps)
+    least = scenelet.slowest_film
+    at_least, slower = (
+        len(resample(scenelet.joints, fps=fps, to_fps=rate)) for rate in (least, 0.999 * least)
+    )
+    assert (min(at_least, 2), slower) == (2, 1)
 
 
 def test_errors_cannot_take_longer_to_change_than_to_be_forgotten() -> None:

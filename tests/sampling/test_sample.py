@@ -16,7 +16,7 @@ from imapper_prob.results.posterior import Posterior
 from imapper_prob.sampling import chain
 from imapper_prob.sampling import sample as sample_module
 from imapper_prob.sampling.reference import Reference
-from imapper_prob.sampling.sample import Samples, functionals, sample_scenes
+from imapper_prob.sampling.sample import Samples, functionals, judge_draws, sample_scenes
 from imapper_prob.sampling.schedule import learning_of
 from imapper_prob.solver.solver import solve
 from tests.runs import BRIEF, half_library, posterior, small_posterior, small_solution, solution
@@ -103,6 +103,23 @@ def test_a_verdict_judges_log_posterior_number_of_objects_and_body() -> None:
     np.testing.assert_array_equal(found["number of objects"].ravel(), count)
     scales = [state.camera[3] for state in drawn.states]
     np.testing.assert_array_equal(found["body scale"].ravel(), scales)
+
+
+def test_draws_of_a_run_are_judged_as_any_draws_are() -> None:
+    drawn = small_posterior().samples
+    _, layout_seed, _ = np.random.SeedSequence(BRIEF.seed).spawn(3)
+    found = judge_draws(
+        drawn.states, drawn.log_posterior, drawn.objects,
+        radius=BRIEF.sample.layout_radius, rng=np.random.default_rng(layout_seed),
+    )  # fmt: skip
+    np.testing.assert_array_equal(found.layouts.indicator, drawn.layouts.indicator)
+    np.testing.assert_array_equal(
+        found.probabilities.standard_error, drawn.probabilities.standard_error
+    )
+    finer = judge_draws(
+        drawn.states, drawn.log_posterior, drawn.objects, radius=0.01, rng=np.random.default_rng(0)
+    )
+    assert len(finer.layouts.leaders) > len(found.layouts.leaders)
 
 
 def test_solver_finds_a_seat_and_the_shelf_of_the_demo() -> None:

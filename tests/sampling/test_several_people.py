@@ -142,6 +142,14 @@ def test_actors_of_other_worlds_are_refused() -> None:
         join_actors([first, stranger])
 
 
+def test_actors_of_other_settings_are_refused_by_name() -> None:
+    first, second = solutions()
+    camera = replace(second.settings.camera, pitch=0.2)
+    stranger = replace(second, settings=replace(second.settings, camera=camera))
+    with pytest.raises(InputError, match=r"different settings \(camera.pitch\)"):
+        join_actors([first, stranger])
+
+
 def test_no_scenelet_reaches_from_one_actor_to_the_next() -> None:
     problem = source().problem
     empty, length = empty_state(problem), int(problem.lengths[0])

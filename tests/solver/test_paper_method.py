@@ -11,7 +11,7 @@ from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.published_terms import paper_energy
 from imapper_prob.models.scenelet import Library, Scenelet
-from imapper_prob.models.settings import ModelSettings, PaperWeights
+from imapper_prob.models.settings import ModelSettings, PaperWeights, Settings
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.recording.stages import stage_views
 from imapper_prob.results.solution import stage_table
@@ -295,7 +295,7 @@ def test_fits_say_nothing_of_the_right_motion_under_the_published_energy() -> No
     assert np.isfinite(METHODS["default"].best_fits(problem, fits)).any()
 
 
-def test_only_its_own_stages_run_and_are_shown() -> None:
+def test_only_its_own_stages_run_and_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     problem, path = worlds.problem(30, settings=PAPER), worlds.path_of(worlds.walk(30))
     clip, library = worlds.clip_of(worlds.walk(30), np.random.default_rng(0)), worlds.library()
     fits = fit_windows(problem, path, fps=10.0, squared=True)
@@ -303,14 +303,24 @@ def test_only_its_own_stages_run_and_are_shown() -> None:
         (PoseSource.OWN,) * 30, problem.used.sum(1), np.full(30, np.nan), np.zeros(30, bool)
     )
     fitted = Fitted(
-        path, frames, worlds.camera_prior(), problem, fits, np.ones(3), np.zeros((3, 3))
-    )
+        path, frames, worlds.camera_prior(), problem, fits, np.ones(3), np.zeros((3, 3)),
+        Settings(PAPER),
+    )  # fmt: skip
     stages: list[str] = []
     found = solve_fitted(clip, library, fitted, progress=lambda stage, _: stages.append(stage))
     assert set(stages) == {"filtering candidates", "combining"}
     assert found.candidates == tuple(r.candidate for t in found.shortlists for r in t.rows)
     answer = solved(clip, [found], count=2)
     assert [scene.states for scene in answer.scenes] == [(state,) for state in found.states[:2]]
+
+    # Of several people too, only the scenes of this method are shown, and no other is refined.
+    def refined(*_: object) -> State:
+        raise AssertionError("a scene is refined that is not shown")
+
+    monkeypatch.setattr("imapper_prob.solver.actors.refine", refined)
+    both = replace(clip, tracks=(clip.tracks[0], replace(clip.tracks[0], name="B")))
+    pair = solved(both, [found, found], count=2)
+    assert [scene.states for scene in pair.scenes] == [(state, state) for state in found.states[:2]]
     _, _, outcome = stage_table(answer, [("filtering candidates", 1.0)]).columns
     assert "maxima of charness" in next(iter(outcome.cells))
     judged = next(v for v in stage_views(answer) if v.name == "Candidates judged")
