@@ -19,6 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled, inner
+from imapper_prob.models.kernels.axes import (
+    camera_pose,
+    corner_of,
+    point_to_camera,
+    rotated,
+    rotated_back,
+)
 from imapper_prob.models.kernels.cache import Cache, Evaluator
 from imapper_prob.models.kernels.intersection import overlap_depth
 from imapper_prob.models.kernels.measured import (
@@ -32,7 +39,6 @@ from imapper_prob.models.kernels.measured import (
     shown,
 )
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import LKNE, LWRI, PELV, REFERENCE_STATURE, RKNE, RWRI
 
 __all__ = [
@@ -113,14 +119,14 @@ def _find_pieces(
             low[:], high[:] = math.inf, -math.inf
             while b < cache.counts[slot] and problem.box_object[first + b] == own:
                 box = cache.boxes[slot * size + b]
-                at_x, at_y = c * box[0] + s * box[1], c * box[1] - s * box[0]
+                at_x, at_y = rotated_back(c, s, box[0], box[1])
                 low[0], high[0] = min(low[0], at_x - box[3]), max(high[0], at_x + box[3])
                 low[1], high[1] = min(low[1], at_y - box[4]), max(high[1], at_y + box[4])
                 low[2], high[2] = min(low[2], box[2] - box[5]), max(high[2], box[2] + box[5])
                 b += 1
             piece, turn = pieces[count], turns[count]
             mid_x, mid_y = 0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])
-            piece[0], piece[1] = c * mid_x - s * mid_y, s * mid_x + c * mid_y
+            piece[0], piece[1] = rotated(c, s, mid_x, mid_y)
             piece[2] = 0.5 * (low[2] + high[2])
             for a in range(3):
                 piece[3 + a] = 0.5 * (high[a] - low[a])
@@ -299,9 +305,7 @@ def _room(problem: Problem, cache: Cache, s: int, pieces: Array, turns: Array) -
     for k in range(len(pieces)):
         piece, turn, nearest = pieces[k], turns[k], math.inf
         for corner in range(4):
-            a = piece[3] if corner & 1 else -piece[3]
-            b = piece[4] if corner & 2 else -piece[4]
-            x, y = piece[0] + turn[0] * a - turn[1] * b, piece[1] + turn[1] * a + turn[0] * b
+            x, y = corner_of(piece, turn, corner, 0.0)
             nearest = min(nearest, _inside(problem.given_rows, first, end, x, y))
         probability *= _normal_cdf(nearest / math.sqrt(_spread_at(spread, piece, numbers[1])))
     return _answered(probability, True, numbers[0])
@@ -328,14 +332,13 @@ def _depth(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
     covariance is diagonal plus rank one, whose determinant and inverse are known.
     """
     numbers, kinds = problem.given[s], problem.given_kinds[s]
-    cp, sp, count = math.cos(camera[0]), math.sin(camera[0]), kinds[3] - kinds[2]
-    pose = problem.pose_tolerance[kinds[4]] * math.exp(camera[3])
+    view, joint, count = camera_pose(camera), kinds[4], kinds[3] - kinds[2]
+    pose = problem.pose_tolerance[joint] * math.exp(camera[3])
     a, b = numbers[0] ** 2, numbers[1] ** 2
     logs, squares, sums, weights = 0.0, 0.0, 0.0, 0.0
     for k in range(kinds[2], kinds[3]):
         joints = cache.joints[cache.pose_row[int(problem.given_rows[k, 0])]]
-        depth = cp * joints[1, kinds[4]] + sp * (joints[2, kinds[4]] - camera[1])
-        depth = max(depth, NEAREST)
+        depth = point_to_camera(view, joints[0, joint], joints[1, joint], joints[2, joint])[1]
         said = problem.given_rows[k, 1]
         off, variance = math.log(said / depth), a + (pose / depth) ** 2
         logs += math.log(variance) + 2.0 * math.log(said)
@@ -362,9 +365,8 @@ def _far_from(
             if not wanted[k]:
                 continue
             box, turn = cache.boxes[k], cache.turns[k]
-            dx, dy = x - box[0], y - box[1]
-            u = max(abs(turn[0] * dx + turn[1] * dy) - box[3], 0.0)
-            v = max(abs(turn[0] * dy - turn[1] * dx) - box[4], 0.0)
+            along, across = rotated_back(turn[0], turn[1], x - box[0], y - box[1])
+            u, v = max(abs(along) - box[3], 0.0), max(abs(across) - box[4], 0.0)
             if sits:
                 above = abs(z - box[2] - box[5])
                 best = max(best, min(_REACH - above, 0.5 * _REACH - math.hypot(u, v)))
@@ -438,9 +440,7 @@ def _directions(piece: Array, turn: Array, angles: Array) -> None:
     """Least and greatest bearing of an object's corners from the camera, radians."""
     angles[0], angles[1] = math.inf, -math.inf
     for corner in range(4):
-        a = piece[3] if corner & 1 else -piece[3]
-        b = piece[4] if corner & 2 else -piece[4]
-        x, y = piece[0] + turn[0] * a - turn[1] * b, piece[1] + turn[1] * a + turn[0] * b
+        x, y = corner_of(piece, turn, corner, 0.0)
         angle = math.atan2(x, y)
         angles[0], angles[1] = min(angles[0], angle), max(angles[1], angle)
 
@@ -478,19 +478,12 @@ def _behind(problem: Problem, s: int, pieces: Array, turns: Array, shares: Array
 def _person(problem: Problem, cache: Cache, camera: Array, t: int, edges: Array) -> None:
     """Left, top, right and bottom of the person in a frame, pixels, and the pelvis depth,
     metres."""
-    cp, sp, cr, sr = (
-        math.cos(camera[0]),
-        math.sin(camera[0]),
-        math.cos(camera[4]),
-        math.sin(camera[4]),
-    )
-    focal, joints = math.exp(camera[2]), cache.joints[cache.pose_row[t]]
+    pose, focal, joints = camera_pose(camera), math.exp(camera[2]), cache.joints[cache.pose_row[t]]
     edges[0], edges[1], edges[2], edges[3] = math.inf, math.inf, -math.inf, -math.inf
     for j in range(joints.shape[1]):
-        x, y, z = joints[0, j], joints[1, j], joints[2, j] - camera[1]
-        depth, level = max(cp * y + sp * z, NEAREST), cp * z - sp * y
-        u = problem.cx + focal * problem.fx * (cr * x + sr * level) / depth
-        v = problem.cy - focal * problem.fy * (cr * level - sr * x) / depth
+        right, depth, up = point_to_camera(pose, joints[0, j], joints[1, j], joints[2, j])
+        u = problem.cx + focal * problem.fx * right / depth
+        v = problem.cy - focal * problem.fy * up / depth
         edges[0], edges[2] = min(edges[0], u), max(edges[2], u)
         edges[1], edges[3] = min(edges[1], v), max(edges[3], v)
         if j == PELV:
