@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.furniture_statements import ObjectAt, Seen
 from imapper_prob.models.kernels.given import find_shares
 from imapper_prob.models.kernels.measured import (
     ERRORS,
@@ -31,7 +32,7 @@ from imapper_prob.models.log_posterior import State, label_probabilities, motion
 from imapper_prob.models.problem import Problem, label_kinds
 from imapper_prob.models.scene import Cuboid, SceneObject
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.models.statements import ObjectAt, Seen, Statement
+from imapper_prob.models.statements import Statement
 
 __all__ = ["as_told", "label_shares"]
 
