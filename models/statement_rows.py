@@ -36,6 +36,7 @@ from imapper_prob.models.kernels.given import (
     PRESENCE,
     ROOM,
     SAME_OBJECT,
+    WRONG,
 )
 from imapper_prob.models.problem import (
     GIVEN_KINDS,
@@ -401,7 +402,7 @@ def log_by_chance(statement: Statement, clip: Clip) -> float | None:
     packed = _packed(statement, clip)
     match statement:
         case ObjectAt():
-            return math.log(packed.numbers[0]) + packed.numbers[1]
+            return math.log(packed.numbers[0]) + packed.numbers[WRONG]
         case Presence() | Room() | Contact() | SameObject() | Behind():
             return math.log(0.5 * packed.numbers[0])
         case _:

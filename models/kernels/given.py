@@ -30,29 +30,37 @@ from imapper_prob.models.kernels.cache import Cache, Evaluator
 from imapper_prob.models.kernels.intersection import overlap_depth
 from imapper_prob.models.kernels.measured import (
     ERRORS,
+    LOG_2PI,
+    detection_rate,
     find_outline,
     log_normal,
     measure_box,
     measure_object,
     resize,
     set_errors,
-    shown,
 )
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.skeleton import LKNE, LWRI, PELV, REFERENCE_STATURE, RKNE, RWRI
+from imapper_prob.models.settings import TOUCH_REACH
+from imapper_prob.models.skeleton import PELV, REFERENCE_STATURE, TOUCHING
 
 __all__ = [
     "BEHIND",
+    "CLUTTER",
     "CONTACT",
     "DEPTH",
     "DETECTIONS_OF_OBJECTS",
     "NUMBER",
     "OBJECT",
+    "PICTURE_OF_BOXES",
+    "PICTURE_OF_OBJECT",
     "POINT",
     "PRESENCE",
     "ROOM",
+    "SAID",
     "SAME_OBJECT",
+    "WRONG",
     "find_shares",
+    "probability_right",
     "sum_given",
     "weigh_labels",
 ]
@@ -64,12 +72,14 @@ Ints = NDArray[np.int64]
     BEHIND,
 ) = range(10)  # fmt: skip
 """Kinds of statements: the first number in a row of ``Problem.given_kinds``."""
-_LOG_2PI: Final = math.log(2.0 * math.pi)
-_REACH: Final = 0.25
-"""Reach in metres between a joint and an object it touches, see `imapper_prob.solver.selection`."""
+WRONG, SAID, PICTURE_OF_OBJECT = 1, 2, 14
+"""Places in the numbers of an `ObjectAt`: log density of a wrong answer, first measured number, and
+width of the image, which its height follows."""
+CLUTTER, PICTURE_OF_BOXES = 2, 4
+"""Places in the numbers of a `Seen`: log density of a false box, and width of the image."""
 _SOFT: Final = 0.05
 """Width in metres of the transition from contact to none; chosen, a hand's thickness."""
-_TOUCHING: Final = np.array([PELV, RKNE, LKNE, RWRI, LWRI])
+_TOUCHING: Final = np.array(TOUCHING)
 PIECE: Final = 7
 """Numbers of a piece: centre (m), half sides (m) and yaw of its bounding box."""
 
@@ -169,6 +179,26 @@ def find_shares(chance: Array, said: Array, label: int, shares: Array) -> None:
             shares[1 + kind] = chance[kind] * said[kind]
 
 
+@compiled
+def probability_right(doubt: float, shares: Array) -> float:
+    """Probability that a measurement is of one of a scene's pieces, and not by chance.
+
+    Parameters
+    ----------
+    doubt : float
+    shares : (k, 1 + C) float
+        See :func:`find_shares`.
+
+    Returns
+    -------
+    float
+    """
+    none = 1.0
+    for k in range(len(shares)):
+        none *= 1.0 - shares[k].sum()
+    return (1.0 - doubt) * (1.0 - none)
+
+
 @inner
 def _all_shares(problem: Problem, labels: Ints) -> Array:
     """(Q, k, 1 + C) shares of each piece in each row of labels."""
@@ -213,9 +243,9 @@ def _spread_at(spread: Array, piece: Array, std: float) -> float:
 
 
 @inner
-def _lens_of(problem: Problem, width: float, height: float) -> Array:
+def _lens_of(problem: Problem, picture: Array) -> Array:
     """Principal point, focal lengths, and width and height of the image, pixels."""
-    return np.array([problem.cx, problem.cy, problem.fx, problem.fy, width, height])
+    return np.array([problem.cx, problem.cy, problem.fx, problem.fy, picture[0], picture[1]])
 
 
 @inner
@@ -243,20 +273,19 @@ def _object(
     left, top, right, bottom, std, image width and height (px). Parts with std 0 were not measured.
     """
     numbers, own = problem.given[s], shares[problem.given_kinds[s, 1]]
-    lens, spread = _lens_of(problem, numbers[14], numbers[15]), _spread_of(problem)
-    none, best, each = 1.0, -math.inf, np.zeros(own.shape)
+    lens, spread = _lens_of(problem, numbers[PICTURE_OF_OBJECT:]), _spread_of(problem)
+    best, each = -math.inf, np.zeros(own.shape)
     mean, covariance, piece = np.empty(ERRORS), np.empty((ERRORS, ERRORS)), np.empty(PIECE)
     for k in range(len(own)):
-        none *= 1.0 - own[k].sum()
         for case in range(own.shape[1]):
             if own[k, case] > 0.0:
                 _as_case(problem.label_sides, pieces[k], case, piece)
                 set_errors(piece, spread, mean, covariance)
                 each[k, case] = measure_object(
-                    numbers[2:14], lens, camera, piece, turns[k], mean, covariance
+                    numbers[SAID:], lens, camera, piece, turns[k], mean, covariance
                 )
                 best = max(best, each[k, case])
-    wrong = math.log(numbers[0]) + numbers[1]
+    wrong = math.log(numbers[0]) + numbers[WRONG]
     if best == -math.inf:
         return float(wrong)
     total = 0.0
@@ -264,8 +293,7 @@ def _object(
         for case in range(own.shape[1]):
             if own[k, case] > 0.0:
                 total += own[k, case] * math.exp(each[k, case] - best)
-    there = (1.0 - numbers[0]) * (1.0 - none)
-    right = math.log(there) + best + math.log(total / own.sum())
+    right = math.log(probability_right(numbers[0], own)) + best + math.log(total / own.sum())
     top = max(right, wrong)
     return float(top + math.log(math.exp(right - top) + math.exp(wrong - top)))
 
@@ -347,7 +375,7 @@ def _depth(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
         weights += 1.0 / variance
     common = 1.0 + b * weights
     squares -= b * sums * sums / common
-    return float(-0.5 * (count * _LOG_2PI + logs + math.log(common) + squares))
+    return float(-0.5 * (count * LOG_2PI + logs + math.log(common) + squares))
 
 
 @inner
@@ -369,10 +397,10 @@ def _far_from(
             u, v = max(abs(along) - box[3], 0.0), max(abs(across) - box[4], 0.0)
             if sits:
                 above = abs(z - box[2] - box[5])
-                best = max(best, min(_REACH - above, 0.5 * _REACH - math.hypot(u, v)))
+                best = max(best, min(TOUCH_REACH - above, 0.5 * TOUCH_REACH - math.hypot(u, v)))
             else:
                 w = max(abs(z - box[2]) - box[5], 0.0)
-                best = max(best, _REACH - math.sqrt(u * u + v * v + w * w))
+                best = max(best, TOUCH_REACH - math.sqrt(u * u + v * v + w * w))
     return best
 
 
@@ -509,7 +537,7 @@ def _pictured(
     """
     numbers, kinds = problem.given[s], problem.given_kinds[s]
     count, person = len(pieces), np.empty(5)
-    lens, spread = _lens_of(problem, numbers[4], numbers[5]), _spread_of(problem)
+    lens, spread = _lens_of(problem, numbers[PICTURE_OF_BOXES:]), _spread_of(problem)
     outlines, rates = np.empty((count, 5)), np.empty(count)
     mean, covariance, piece = np.empty(ERRORS), np.empty((ERRORS, ERRORS)), np.empty(PIECE)
     edges, slopes = np.empty(5), np.empty((4, ERRORS))
@@ -518,11 +546,10 @@ def _pictured(
         find_outline(lens, camera, pieces[k], turns[k], outlines[k], slopes)
     total = -numbers[1]
     for k in range(count):
-        # Poisson rate at which "no box" is as probable as a miss of the detector.
-        rates[k] = -math.log1p(-numbers[0] * shown(outlines, k, person))
+        rates[k] = detection_rate(numbers[0], outlines, k, person)
         total -= rates[k] * shares[kinds[1] + kinds[3] - kinds[2], k].sum()
     for d in range(kinds[3] - kinds[2]):
-        density = numbers[1] * math.exp(numbers[2])
+        density = numbers[1] * math.exp(numbers[CLUTTER])
         for k in range(count):
             own = shares[kinds[1] + d, k]
             for case in range(len(own)):

@@ -27,19 +27,20 @@ from imapper_prob.models.settings import NEAREST, SIDE_SPREAD
 
 __all__ = [
     "ERRORS",
+    "LOG_2PI",
+    "detection_rate",
     "find_outline",
     "log_normal",
     "measure_box",
     "measure_object",
     "resize",
     "set_errors",
-    "shown",
 ]
 
 Array = NDArray[np.float64]
 ERRORS: Final = 5
 """Number of errors of a piece."""
-_LOG_2PI: Final = math.log(2.0 * math.pi)
+LOG_2PI: Final = math.log(2.0 * math.pi)
 _GRID: Final = 4
 """Points along each side of an object's image box at which occlusion is tested."""
 
@@ -57,7 +58,7 @@ def log_normal(x: float, variance: float) -> float:
     -------
     float
     """
-    return -0.5 * (_LOG_2PI + math.log(variance) + x * x / variance)
+    return -0.5 * (LOG_2PI + math.log(variance) + x * x / variance)
 
 
 @compiled
@@ -250,11 +251,13 @@ def measure_object(
 
 
 @compiled
-def shown(outlines: Array, k: int, person: Array) -> float:
-    """Share of a piece's image box that no nearer piece and no person occludes.
+def detection_rate(rate: float, outlines: Array, k: int, person: Array) -> float:
+    """Poisson rate of boxes of a piece at which "no box" is as probable as a detector's miss.
 
     Parameters
     ----------
+    rate : float
+        Probability of detecting a piece in full view.
     outlines : (K, 5) float
         Left, top, right, bottom (px) and depth (m) of all pieces.
     k : int
@@ -266,6 +269,12 @@ def shown(outlines: Array, k: int, person: Array) -> float:
     -------
     float
     """
+    return -math.log1p(-rate * _shown(outlines, k, person))
+
+
+@inner
+def _shown(outlines: Array, k: int, person: Array) -> float:
+    """Share of a piece's image box that no nearer piece and no person occludes."""
     edges, free, count = outlines[k], 0, len(outlines)
     for i in range(_GRID * _GRID):
         u = edges[0] + (i % _GRID + 0.5) / _GRID * (edges[2] - edges[0])
