@@ -35,11 +35,12 @@ from imapper_prob.api import sample
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.evaluate.tables import markdown_table
 from imapper_prob.files import written_whole
+from imapper_prob.models.furniture_statements import Presence
 from imapper_prob.models.problem import labels_of
 from imapper_prob.models.scene import Clip, Truth
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.statement_rows import tell
-from imapper_prob.models.statements import DepthOf, JointAt, Measured, Presence
+from imapper_prob.models.statements import DepthOf, JointAt, Measured
 from imapper_prob.sampling.conditioning import statement_values
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.uncertainty.questions import Question, shifted

@@ -51,7 +51,9 @@ def require_kind(
         raise InputError(f"{what} = {value!r:.60} must be {wanted}")
 
 
-def require_whole(what: str, value: Any, *, least: int, most: float = math.inf) -> None:
+def require_whole(
+    what: str, value: Any, *, least: float = -math.inf, most: float = math.inf
+) -> int:
     """Refuse a value that is no whole number in a range; ``True`` and ``2.0`` are none.
 
     Parameters
@@ -61,6 +63,11 @@ def require_whole(what: str, value: Any, *, least: int, most: float = math.inf) 
     value : object
     least, most : number
         Both allowed.
+
+    Returns
+    -------
+    int
+        The value.
 
     Raises
     ------
@@ -74,11 +81,18 @@ def require_whole(what: str, value: Any, *, least: int, most: float = math.inf) 
         raise InputError(f"{what} = {value} must be at least {least}")
     if value > most:
         raise InputError(f"{what} = {value!r:.60} must be at most {most}")
+    return int(value)
 
 
 def require_number(
-    what: str, value: Any, *, above: float = -math.inf, below: float = math.inf
-) -> None:
+    what: str,
+    value: Any,
+    *,
+    above: float = -math.inf,
+    below: float = math.inf,
+    least: float = -math.inf,
+    most: float = math.inf,
+) -> float:
     """Refuse a value that is no finite number in a range.
 
     Parameters
@@ -88,6 +102,13 @@ def require_number(
     value : object
     above, below : float
         Neither is allowed itself.
+    least, most : float
+        Both allowed.
+
+    Returns
+    -------
+    float
+        The value.
 
     Raises
     ------
@@ -96,6 +117,12 @@ def require_number(
     """
     if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
         raise InputError(f"{what} = {value!r:.60} must be a finite number")
-    if not above < float(value) < below:
+    number = float(value)
+    if not above < number < below:
         bounds = "positive" if (above, below) == (0, math.inf) else f"in ({above:g}, {below:g})"
         raise InputError(f"{what} = {value} must be {bounds}")
+    if number < least:
+        raise InputError(f"{what} = {value} must be at least {least:g}")
+    if number > most:
+        raise InputError(f"{what} = {value} must be at most {most:g}")
+    return number

@@ -35,13 +35,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled, inlined, inner
+from imapper_prob.models.kernels.axes import (
+    camera_pose,
+    point_of_box,
+    point_to_camera,
+    rotated_back,
+)
 from imapper_prob.models.kernels.cache import open_evaluator
 from imapper_prob.models.kernels.given import sum_given
 from imapper_prob.models.kernels.incremental import NOWHERE, place_scene
 from imapper_prob.models.kernels.placement import place_boxes
 from imapper_prob.models.kernels.posing import copy_joints, list_moved, pose_joints
 from imapper_prob.models.problem import ASSIGNMENT, CAMERA, PATH, PLACEMENT, TERMS, Problem
-from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import DETECTED, LKNE, PELV, RKNE
 
 __all__ = [
@@ -81,9 +86,8 @@ def signed_distance(x: float, y: float, box: Array, turn: Array) -> float:
     float
         Metres; negative inside.
     """
-    dx, dy = x - box[0], y - box[1]
-    u = abs(turn[0] * dx + turn[1] * dy) - box[3]
-    v = abs(turn[0] * dy - turn[1] * dx) - box[4]
+    along, across = rotated_back(turn[0], turn[1], x - box[0], y - box[1])
+    u, v = abs(along) - box[3], abs(across) - box[4]
     outside = math.sqrt(max(u, 0.0) ** 2 + max(v, 0.0) ** 2)
     distance: float = outside + min(max(u, v), 0.0)
     return distance
@@ -144,7 +148,7 @@ def overlap(boxes: Array, turns: Array, one: tuple[int, int], other: tuple[int, 
             u = boxes[k, 3] * ((2.0 * a + 1.0) / _CELLS - 1.0)
             for b in range(_CELLS):
                 v = boxes[k, 4] * ((2.0 * b + 1.0) / _CELLS - 1.0)
-                x, y = boxes[k, 0] + c * u - s * v, boxes[k, 1] + s * u + c * v
+                x, y = point_of_box(boxes[k], c, s, u, v)
                 counted = False
                 for earlier in range(one[0], k):
                     counted |= signed_distance(x, y, boxes[earlier], turns[earlier]) <= 0.0
@@ -275,13 +279,13 @@ def hidden_distance(
     least = FARTHEST
     for k in range(len(boxes)):
         c, s = turns[k, 0], turns[k, 1]
-        across, ahead = boxes[k, 0], boxes[k, 1]
-        room[0] = c * across + s * ahead - boxes[k, 3]
-        room[1] = c * ahead - s * across - boxes[k, 4]
+        along, across = rotated_back(c, s, boxes[k, 0], boxes[k, 1])
+        room[0], room[1] = along - boxes[k, 3], across - boxes[k, 4]
         room[2] = boxes[k, 2] - elevation - boxes[k, 5]
         for i in range(3):
             room[3 + i] = room[i] + 2.0 * boxes[k, 3 + i]
-        room[6], room[7], room[8] = c * x + s * y, c * y - s * x, z - elevation
+        room[6], room[7] = rotated_back(c, s, x, y)
+        room[8] = z - elevation
         least = min(least, _distance(room))
     return least
 
@@ -348,14 +352,13 @@ _DETECTED = np.array(DETECTED)
 @inner
 def _reprojection(problem: Problem, camera: Array, joints: Array, by_frame: Array) -> None:
     """L_r: sum of c |Pi q - u|^2 over the joints of each frame, in normalised image coordinates."""
-    cp, sp, elevation = math.cos(camera[0]), math.sin(camera[0]), camera[1]
-    cr, sr, focal = math.cos(camera[4]), math.sin(camera[4]), math.exp(camera[2])
+    pose, focal = camera_pose(camera), math.exp(camera[2])
     for t in range(len(joints)):
         for j in _DETECTED:
-            x, y, z = joints[t, 0, j], joints[t, 1, j], joints[t, 2, j] - elevation
-            depth, level = max(cp * y + sp * z, NEAREST), cp * z - sp * y
-            u = focal * (cr * x + sr * level) / depth
-            v = focal * (sr * x - cr * level) / depth
+            right, depth, up = point_to_camera(
+                pose, joints[t, 0, j], joints[t, 1, j], joints[t, 2, j]
+            )
+            u, v = focal * right / depth, -focal * up / depth
             du = u - (problem.keypoints[t, j, 0] - problem.cx) / problem.fx
             dv = v - (problem.keypoints[t, j, 1] - problem.cy) / problem.fy
             if problem.used[t, j]:

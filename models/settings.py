@@ -35,6 +35,7 @@ __all__ = [
     "SHORTEST_FOCAL",
     "SIDE_SPREAD",
     "STEEPEST_CAMERA",
+    "TOUCH_REACH",
     "CameraSettings",
     "ModelSettings",
     "PaperWeights",
@@ -58,6 +59,8 @@ NOTHING_IN_SIGHT: Final = 0.2
 OPAQUE: Final = 0.1
 """A line of sight through the middle of a box thinner than twice this has this depth of cut,
 metres, so that a table top hides as much as a chest."""
+TOUCH_REACH: Final = 0.25
+"""Distance in metres from a joint within which it touches an object; joints are inside the body."""
 LOWEST_CAMERA: Final = 0.2
 """Least elevation of the camera, metres above the floor; the prior's support begins here."""
 STEEPEST_CAMERA: Final = 1.0

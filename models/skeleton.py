@@ -40,6 +40,7 @@ __all__ = [
     "RWRI",
     "SCORED",
     "THRX",
+    "TOUCHING",
     "blend_poses",
     "facing",
     "minimum_jerk",
@@ -73,6 +74,8 @@ SCORED: Final = tuple(j for j in range(N_JOINTS) if j not in (PELV, NECK))
 """The fourteen joints of the benchmark's pose score."""
 DETECTED: Final = SCORED
 """Joints that a detector reports directly; PELV and NECK are synthesised from others."""
+TOUCHING: Final = (PELV, RKNE, LKNE, RWRI, LWRI)
+"""Joints with which a person touches furniture; the first sits on it."""
 REFERENCE_STATURE: Final = 1.70
 """Stature in metres of the body that ``BONE_LENGTHS`` and the built-in library describe."""
 _SKELETONS: Final[dict[str, dict[str, float]]] = {

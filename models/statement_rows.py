@@ -1,7 +1,7 @@
 """Check statements against clip and library, and pack them into a problem as flat rows.
 
-:mod:`imapper_prob.models.statements` defines the statements, and
-:mod:`imapper_prob.models.kernels.given` evaluates their terms.
+:mod:`imapper_prob.models.statements` and :mod:`imapper_prob.models.furniture_statements` define the
+statements; :mod:`imapper_prob.models.kernels.given` evaluates their terms.
 """
 
 from __future__ import annotations
@@ -17,6 +17,14 @@ from numpy.typing import NDArray
 from shapely import Point, Polygon
 
 from imapper_prob.models.errors import InputError, require_kind
+from imapper_prob.models.furniture_statements import (
+    Behind,
+    Contact,
+    ObjectAt,
+    Presence,
+    SameObject,
+    Seen,
+)
 from imapper_prob.models.kernels.given import (
     BEHIND,
     CONTACT,
@@ -28,6 +36,7 @@ from imapper_prob.models.kernels.given import (
     PRESENCE,
     ROOM,
     SAME_OBJECT,
+    WRONG,
 )
 from imapper_prob.models.problem import (
     GIVEN_KINDS,
@@ -38,19 +47,13 @@ from imapper_prob.models.problem import (
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import JOINTS, PELV
+from imapper_prob.models.statement_values import Points
 from imapper_prob.models.statements import (
     QUANTITIES,
-    Behind,
-    Contact,
     DepthOf,
     JointAt,
     Measured,
-    ObjectAt,
-    Points,
-    Presence,
     Room,
-    SameObject,
-    Seen,
     Statement,
     describe,
 )
@@ -399,7 +402,7 @@ def log_by_chance(statement: Statement, clip: Clip) -> float | None:
     packed = _packed(statement, clip)
     match statement:
         case ObjectAt():
-            return math.log(packed.numbers[0]) + packed.numbers[1]
+            return math.log(packed.numbers[0]) + packed.numbers[WRONG]
         case Presence() | Room() | Contact() | SameObject() | Behind():
             return math.log(0.5 * packed.numbers[0])
         case _:

@@ -27,12 +27,12 @@ Array = NDArray[np.float64]
 
 @inlined
 def seen_point(x: float, y: float) -> tuple[float, float]:
-    """Bearing and log depth of a point on the floor, compiled.
+    """Bearing and log depth of a point on the floor, or in camera axes, compiled.
 
     Parameters
     ----------
     x, y : float
-        Metres; y > 0.
+        To the right and ahead, metres; y > 0.
 
     Returns
     -------

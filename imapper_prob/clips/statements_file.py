@@ -19,20 +19,16 @@ import numpy as np
 
 from imapper_prob.clips.parsing import load_archive
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.settings import LARGEST_IMAGE
-from imapper_prob.models.statements import (
+from imapper_prob.models.furniture_statements import (
     Behind,
     Contact,
-    DepthOf,
-    JointAt,
-    Measured,
     ObjectAt,
     Presence,
-    Room,
     SameObject,
     Seen,
-    Statement,
 )
+from imapper_prob.models.settings import LARGEST_IMAGE
+from imapper_prob.models.statements import DepthOf, JointAt, Measured, Room, Statement
 
 __all__ = ["read_statements"]
 

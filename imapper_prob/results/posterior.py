@@ -416,8 +416,8 @@ class Posterior(Draws):
         Parameters
         ----------
         statements : sequence of Statement
-            Such as :class:`imapper_prob.models.statements.ObjectAt`; they are added to earlier
-            statements of this posterior.
+            Such as :class:`imapper_prob.models.furniture_statements.ObjectAt`; they are added to
+            earlier statements of this posterior.
         library : Library, optional
             The library of the run, if it was opened from its folder; by default as in its settings.
         steps : int, optional

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.config import SampleSettings
+from imapper_prob.models.furniture_statements import ObjectAt
 from imapper_prob.models.log_posterior import State, terms
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.statement_rows import log_by_chance, tell
-from imapper_prob.models.statements import ObjectAt, Statement, describe
+from imapper_prob.models.statements import Statement, describe
 from imapper_prob.progress import Progress
 from imapper_prob.samplers.reweighting import Reweighted, bridge, families_of, resample
 from imapper_prob.samplers.verdict import Verdict

@@ -22,8 +22,8 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.published_terms import paper_energy
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.scenelet import Library
-from imapper_prob.models.settings import PaperWeights
-from imapper_prob.models.skeleton import LKNE, LWRI, PELV, RKNE, RWRI
+from imapper_prob.models.settings import TOUCH_REACH, PaperWeights
+from imapper_prob.models.skeleton import TOUCHING
 
 __all__ = [
     "of_scenelets", "published_objects", "selected_objects", "used_objects", "with_own_scenelets",
@@ -99,12 +99,8 @@ def _starts(counts: Ints) -> Ints:
 Array = NDArray[np.float64]
 _NOWHERE, _DEEP = 1e6, 1e3
 """Metres: a horizontal distance, and a depth below the floor, at which boxes have no effect."""
-_TOUCHING = [PELV, RKNE, LKNE, RWRI, LWRI]
-_REACH = 0.25
-"""Distance in metres from such a joint within which an object is used; joints are inside the
-body."""
 _OFTEN = 0.25
-"""Share of a scenelet's frames in which the joint must be that near."""
+"""Share of a scenelet's frames in which a joint must touch an object that is used."""
 _EVIDENCE = 3.0
 """Least evidence in nats for an unused object: odds of twenty to one."""
 
@@ -193,11 +189,11 @@ def used_objects(problem: Problem, scenelet: int) -> list[bool]:
     -------
     list of bool
     """
-    joints = problem.joints[slice(*problem.joint_first[scenelet : scenelet + 2])][:, _TOUCHING]
+    joints = problem.joints[slice(*problem.joint_first[scenelet : scenelet + 2])][:, TOUCHING]
     own = slice(*problem.box_first[scenelet : scenelet + 2])
     objects, boxes = problem.box_object[own], problem.boxes[own]
     return [
-        bool((_distance(joints, boxes[objects == k]) < _REACH).mean() >= _OFTEN)
+        bool((_distance(joints, boxes[objects == k]) < TOUCH_REACH).mean() >= _OFTEN)
         for k in range(int(objects.max(initial=-1)) + 1)
     ]
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.jit import compiled
+from imapper_prob.models.kernels.axes import rotated_back
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.skeleton import JOINTS
 from imapper_prob.models.text import brief
@@ -51,11 +52,11 @@ def _lines_cut(elevation: float, joints: Array, boxes: Array) -> NDArray[np.bool
     for k in range(len(boxes)):
         c, s = math.cos(boxes[k, 6]), math.sin(boxes[k, 6])
         x, y, z = -boxes[k, 0], -boxes[k, 1], elevation - boxes[k, 2]
-        start = (c * x + s * y, c * y - s * x, z)
+        start = (*rotated_back(c, s, x, y), z)
         for t in range(joints.shape[0]):
             for j in range(joints.shape[1]):
                 x, y = joints[t, j, 0], joints[t, j, 1]
-                slope = (c * x + s * y, c * y - s * x, joints[t, j, 2] - elevation)
+                slope = (*rotated_back(c, s, x, y), joints[t, j, 2] - elevation)
                 enters, leaves = 0.0, 1.0
                 for axis in range(3):
                     half = boxes[k, 3 + axis]

@@ -24,11 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.errors import InputError
+from imapper_prob.models.furniture_statements import Presence
 from imapper_prob.models.log_posterior import motion
 from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import PELV, REFERENCE_STATURE
 from imapper_prob.models.statement_rows import tell
-from imapper_prob.models.statements import DepthOf, JointAt, Measured, Presence, Statement
+from imapper_prob.models.statements import DepthOf, JointAt, Measured, Statement
 from imapper_prob.models.text import with_error
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 from imapper_prob.sampling.conditioning import statement_values

@@ -17,21 +17,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.kernels.given import find_shares
+from imapper_prob.models.furniture_statements import ObjectAt, Seen
+from imapper_prob.models.kernels.given import (
+    CLUTTER,
+    PICTURE_OF_BOXES,
+    PICTURE_OF_OBJECT,
+    SAID,
+    WRONG,
+    find_shares,
+    probability_right,
+)
 from imapper_prob.models.kernels.measured import (
     ERRORS,
+    detection_rate,
     find_outline,
     measure_box,
     measure_object,
     resize,
     set_errors,
-    shown,
 )
 from imapper_prob.models.log_posterior import State, label_probabilities, motion
 from imapper_prob.models.problem import Problem, label_kinds
 from imapper_prob.models.scene import Cuboid, SceneObject
 from imapper_prob.models.skeleton import PELV
-from imapper_prob.models.statements import ObjectAt, Seen, Statement
+from imapper_prob.models.statements import Statement
 
 __all__ = ["as_told", "label_shares"]
 
@@ -181,20 +190,20 @@ class _Pieces:
         ``numbers`` are those of the problem. ``shares`` (k, 1 + C) are the probabilities of the
         cases in which the objects have one of the labels.
         """
-        lens = np.concatenate([self._lens, numbers[14:16]])
+        lens = np.concatenate([self._lens, numbers[PICTURE_OF_OBJECT:][:2]])
 
         def agreement(k: int, case: int, mean: Array, covariance: Array) -> float:
             box, turn = self._boxes[k, case], self._turns[k]
-            return measure_object(numbers[2:14], lens, self._camera, box, turn, mean, covariance)
+            return measure_object(numbers[SAID:], lens, self._camera, box, turn, mean, covariance)
 
         ours = np.argwhere(shares).tolist()
-        there = (1 - said.doubt) * (1 - np.prod(1 - shares.sum(1)))
+        right = probability_right(said.doubt, shares)
         logs = [
-            math.log(there * shares[k, case] / shares.sum())
+            math.log(right * shares[k, case] / shares.sum())
             + agreement(k, case, *self._prior(k, case))
             for k, case in ours
         ]
-        which = _one_of(rng, [*logs, math.log(said.doubt) + numbers[1]])
+        which = _one_of(rng, [*logs, math.log(said.doubt) + numbers[WRONG]])
         if which < len(ours) and self._decide(*ours[which]):
             k, case = ours[which]
             agreement(k, case, *self._errors[k])
@@ -215,7 +224,7 @@ class _Pieces:
         ``shares`` (boxes, k, 1 + C) are the probabilities of each case of the objects, times those
         of the box's label.
         """
-        lens = np.concatenate([self._lens, numbers[4:6]])
+        lens = np.concatenate([self._lens, numbers[PICTURE_OF_BOXES:][:2]])
         edges, slopes = (
             np.empty((*self._boxes.shape[:2], 5)),
             np.empty((*self._boxes.shape[:2], 4, ERRORS)),
@@ -224,7 +233,7 @@ class _Pieces:
             box, turn = self._boxes[k, case], self._turns[k]
             find_outline(lens, self._camera, box, turn, edges[k, case], slopes[k, case])
         outlines = np.ascontiguousarray(edges[:, 0])
-        rates = [-math.log1p(-said.rate * shown(outlines, k, person)) for k in range(len(outlines))]
+        rates = [detection_rate(said.rate, outlines, k, person) for k in range(len(outlines))]
         for box, own in zip(boxes, shares, strict=True):
             ours = np.argwhere(own).tolist()
             logs = [
@@ -232,7 +241,7 @@ class _Pieces:
                 + measure_box(box, said.std, edges[k, case], slopes[k, case], *self._prior(k, case))
                 for k, case in ours
             ]
-            which = _one_of(rng, [*logs, math.log(said.clutter) + numbers[2]])
+            which = _one_of(rng, [*logs, math.log(said.clutter) + numbers[CLUTTER]])
             if which < len(ours) and self._decide(*ours[which]):
                 k, case = ours[which]
                 measure_box(box, said.std, edges[k, case], slopes[k, case], *self._errors[k])

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import inner, inner_inlined
+from imapper_prob.models.kernels.axes import camera_pose, point_to_camera
 from imapper_prob.models.kernels.visibility import Singles
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import MIRROR
 
 __all__ = [
@@ -41,8 +41,7 @@ __all__ = [
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Lens = tuple[float, float, float, float, float, float, float, float, float]
-"""Both focal lengths and the principal point in pixels; cosine and sine of the camera's pitch, its
-elevation, cosine and sine of its roll."""
+"""Both focal lengths and the principal point in pixels, then a ``CameraPose``."""
 
 LIKELIHOODS = 64
 """Numbers of a frame: densities of the detections if joints are hidden, and the differences of the
@@ -106,11 +105,7 @@ def lens_of(problem: Problem, camera: Array) -> Lens:
     """
     focal = math.exp(camera[2])
     fx, fy = focal * problem.fx, focal * problem.fy
-    return (
-        fx, fy, problem.cx, problem.cy,
-        math.cos(camera[0]), math.sin(camera[0]), camera[1],
-        math.cos(camera[4]), math.sin(camera[4]),
-    )  # fmt: skip
+    return (fx, fy, problem.cx, problem.cy, *camera_pose(camera))
 
 
 @inner_inlined
@@ -118,15 +113,16 @@ def _project(
     lens: Lens, tolerance: Array, body: float, joints: Array, row: int, scratch64: Array
 ) -> None:
     """Project the joints ``joints[row]`` to pixels, and the pose tolerance to squared pixels."""
-    fx, fy, cx, cy, cp, sp, elevation, cr, sr = lens
+    fx, fy, cx, cy = lens[:4]
+    pose = lens[4:]
     # The tolerance scales with the body: otherwise a large distance would fit too easily.
     metre = fx * body
     for j in range(16):
-        x, y, z = joints[row, 0, j], joints[row, 1, j], joints[row, 2, j] - elevation
-        nearness = 1.0 / max(cp * y + sp * z, NEAREST)
-        up = -sp * y + cp * z
-        scratch64[_U + j] = cx + fx * (cr * x + sr * up) * nearness
-        scratch64[_V + j] = cy - fy * (cr * up - sr * x) * nearness
+        x, y, z = joints[row, 0, j], joints[row, 1, j], joints[row, 2, j]
+        right, depth, up = point_to_camera(pose, x, y, z)
+        nearness = 1.0 / depth
+        scratch64[_U + j] = cx + fx * right * nearness
+        scratch64[_V + j] = cy - fy * up * nearness
         loose = metre * tolerance[j] * nearness
         scratch64[_LOOSE + j] = loose * loose
 
@@ -182,6 +178,18 @@ def _measure(uv: Array, params: Singles, row: int, scratch64: Array, scratch32: 
 
 
 @inner_inlined
+def _exponential(x: np.float32) -> tuple[np.float32, np.float32]:
+    """e^x = p 2^n: the fraction p, and n plus ``_ROUND``, whose lowest bits are n."""
+    # e^x = 2^n e^r with |r| below ln 2 / 2.
+    shifted = x * _LOG2E + _ROUND
+    n = shifted - _ROUND
+    r = (x - n * _LN2_HIGH) - n * _LN2_LOW
+    rr = r * r
+    p = ((_E1 + r) + rr * (_E2 + _E3 * r)) + rr * rr * ((_E4 + _E5 * r) + rr * _E6)
+    return p, shifted
+
+
+@inner_inlined
 def _raise(scratch32: Singles) -> None:
     """Raise every ratio to its power; the result is a fraction p and an exponent n of p 2^n."""
     for j in range(64):
@@ -193,15 +201,7 @@ def _raise(scratch32: Singles) -> None:
         z = s * s
         q = (_L1 + _L3 * z) + z * z * ((_L5 + _L7 * z) + z * z * _L9)
         x = max(scratch32[_POWER + j] * (s * q + np.float32(e) * _SINGLE_LN2), _LEAST_POWER)
-        # e^x = 2^n e^r with |r| below ln 2 / 2.
-        shifted = x * _LOG2E + _ROUND
-        n = shifted - _ROUND
-        r = (x - n * _LN2_HIGH) - n * _LN2_LOW
-        rr = r * r
-        scratch32[_FRACTION + j] = ((_E1 + r) + rr * (_E2 + _E3 * r)) + rr * rr * (
-            (_E4 + _E5 * r) + rr * _E6
-        )
-        scratch32[_EXPONENT + j] = shifted
+        scratch32[_FRACTION + j], scratch32[_EXPONENT + j] = _exponential(x)
 
 
 @inner_inlined
@@ -316,11 +316,7 @@ def visibility_probabilities(seen: Singles, n: int, width: float, visibility_err
     for i in range(n):
         for j in range(16):
             x = -min(max(seen[i, j] * sharpness, -_FAR), _FAR)
-            shifted = x * _LOG2E + _ROUND
-            whole = shifted - _ROUND
-            r = (x - whole * _LN2_HIGH) - whole * _LN2_LOW
-            rr = r * r
-            p = ((_E1 + r) + rr * (_E2 + _E3 * r)) + rr * rr * ((_E4 + _E5 * r) + rr * _E6)
+            p, shifted = _exponential(x)
             scale = np.int32((np.float32(shifted).view(np.int32) + 127) << 23).view(np.float32)
             seen[i, j] = least + span / (_E1 + p * scale)
 

@@ -19,34 +19,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled, inner
+from imapper_prob.models.kernels.axes import (
+    camera_pose,
+    corner_of,
+    point_to_camera,
+    rotated,
+    rotated_back,
+)
 from imapper_prob.models.kernels.cache import Cache, Evaluator
 from imapper_prob.models.kernels.intersection import overlap_depth
 from imapper_prob.models.kernels.measured import (
     ERRORS,
+    LOG_2PI,
+    detection_rate,
     find_outline,
     log_normal,
     measure_box,
     measure_object,
     resize,
     set_errors,
-    shown,
 )
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.settings import NEAREST
-from imapper_prob.models.skeleton import LKNE, LWRI, PELV, REFERENCE_STATURE, RKNE, RWRI
+from imapper_prob.models.settings import TOUCH_REACH
+from imapper_prob.models.skeleton import PELV, REFERENCE_STATURE, TOUCHING
 
 __all__ = [
     "BEHIND",
+    "CLUTTER",
     "CONTACT",
     "DEPTH",
     "DETECTIONS_OF_OBJECTS",
     "NUMBER",
     "OBJECT",
+    "PICTURE_OF_BOXES",
+    "PICTURE_OF_OBJECT",
     "POINT",
     "PRESENCE",
     "ROOM",
+    "SAID",
     "SAME_OBJECT",
+    "WRONG",
     "find_shares",
+    "probability_right",
     "sum_given",
     "weigh_labels",
 ]
@@ -58,12 +72,14 @@ Ints = NDArray[np.int64]
     BEHIND,
 ) = range(10)  # fmt: skip
 """Kinds of statements: the first number in a row of ``Problem.given_kinds``."""
-_LOG_2PI: Final = math.log(2.0 * math.pi)
-_REACH: Final = 0.25
-"""Reach in metres between a joint and an object it touches, see `imapper_prob.solver.selection`."""
+WRONG, SAID, PICTURE_OF_OBJECT = 1, 2, 14
+"""Places in the numbers of an `ObjectAt`: log density of a wrong answer, first measured number, and
+width of the image, which its height follows."""
+CLUTTER, PICTURE_OF_BOXES = 2, 4
+"""Places in the numbers of a `Seen`: log density of a false box, and width of the image."""
 _SOFT: Final = 0.05
 """Width in metres of the transition from contact to none; chosen, a hand's thickness."""
-_TOUCHING: Final = np.array([PELV, RKNE, LKNE, RWRI, LWRI])
+_TOUCHING: Final = np.array(TOUCHING)
 PIECE: Final = 7
 """Numbers of a piece: centre (m), half sides (m) and yaw of its bounding box."""
 
@@ -113,14 +129,14 @@ def _find_pieces(
             low[:], high[:] = math.inf, -math.inf
             while b < cache.counts[slot] and problem.box_object[first + b] == own:
                 box = cache.boxes[slot * size + b]
-                at_x, at_y = c * box[0] + s * box[1], c * box[1] - s * box[0]
+                at_x, at_y = rotated_back(c, s, box[0], box[1])
                 low[0], high[0] = min(low[0], at_x - box[3]), max(high[0], at_x + box[3])
                 low[1], high[1] = min(low[1], at_y - box[4]), max(high[1], at_y + box[4])
                 low[2], high[2] = min(low[2], box[2] - box[5]), max(high[2], box[2] + box[5])
                 b += 1
             piece, turn = pieces[count], turns[count]
             mid_x, mid_y = 0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])
-            piece[0], piece[1] = c * mid_x - s * mid_y, s * mid_x + c * mid_y
+            piece[0], piece[1] = rotated(c, s, mid_x, mid_y)
             piece[2] = 0.5 * (low[2] + high[2])
             for a in range(3):
                 piece[3 + a] = 0.5 * (high[a] - low[a])
@@ -161,6 +177,26 @@ def find_shares(chance: Array, said: Array, label: int, shares: Array) -> None:
         shares[0] *= 1.0 - chance.sum()
         for kind in range(len(chance)):
             shares[1 + kind] = chance[kind] * said[kind]
+
+
+@compiled
+def probability_right(doubt: float, shares: Array) -> float:
+    """Probability that a measurement is of one of a scene's pieces, and not by chance.
+
+    Parameters
+    ----------
+    doubt : float
+    shares : (k, 1 + C) float
+        See :func:`find_shares`.
+
+    Returns
+    -------
+    float
+    """
+    none = 1.0
+    for k in range(len(shares)):
+        none *= 1.0 - shares[k].sum()
+    return (1.0 - doubt) * (1.0 - none)
 
 
 @inner
@@ -207,9 +243,9 @@ def _spread_at(spread: Array, piece: Array, std: float) -> float:
 
 
 @inner
-def _lens_of(problem: Problem, width: float, height: float) -> Array:
+def _lens_of(problem: Problem, picture: Array) -> Array:
     """Principal point, focal lengths, and width and height of the image, pixels."""
-    return np.array([problem.cx, problem.cy, problem.fx, problem.fy, width, height])
+    return np.array([problem.cx, problem.cy, problem.fx, problem.fy, picture[0], picture[1]])
 
 
 @inner
@@ -237,20 +273,19 @@ def _object(
     left, top, right, bottom, std, image width and height (px). Parts with std 0 were not measured.
     """
     numbers, own = problem.given[s], shares[problem.given_kinds[s, 1]]
-    lens, spread = _lens_of(problem, numbers[14], numbers[15]), _spread_of(problem)
-    none, best, each = 1.0, -math.inf, np.zeros(own.shape)
+    lens, spread = _lens_of(problem, numbers[PICTURE_OF_OBJECT:]), _spread_of(problem)
+    best, each = -math.inf, np.zeros(own.shape)
     mean, covariance, piece = np.empty(ERRORS), np.empty((ERRORS, ERRORS)), np.empty(PIECE)
     for k in range(len(own)):
-        none *= 1.0 - own[k].sum()
         for case in range(own.shape[1]):
             if own[k, case] > 0.0:
                 _as_case(problem.label_sides, pieces[k], case, piece)
                 set_errors(piece, spread, mean, covariance)
                 each[k, case] = measure_object(
-                    numbers[2:14], lens, camera, piece, turns[k], mean, covariance
+                    numbers[SAID:], lens, camera, piece, turns[k], mean, covariance
                 )
                 best = max(best, each[k, case])
-    wrong = math.log(numbers[0]) + numbers[1]
+    wrong = math.log(numbers[0]) + numbers[WRONG]
     if best == -math.inf:
         return float(wrong)
     total = 0.0
@@ -258,8 +293,7 @@ def _object(
         for case in range(own.shape[1]):
             if own[k, case] > 0.0:
                 total += own[k, case] * math.exp(each[k, case] - best)
-    there = (1.0 - numbers[0]) * (1.0 - none)
-    right = math.log(there) + best + math.log(total / own.sum())
+    right = math.log(probability_right(numbers[0], own)) + best + math.log(total / own.sum())
     top = max(right, wrong)
     return float(top + math.log(math.exp(right - top) + math.exp(wrong - top)))
 
@@ -299,9 +333,7 @@ def _room(problem: Problem, cache: Cache, s: int, pieces: Array, turns: Array) -
     for k in range(len(pieces)):
         piece, turn, nearest = pieces[k], turns[k], math.inf
         for corner in range(4):
-            a = piece[3] if corner & 1 else -piece[3]
-            b = piece[4] if corner & 2 else -piece[4]
-            x, y = piece[0] + turn[0] * a - turn[1] * b, piece[1] + turn[1] * a + turn[0] * b
+            x, y = corner_of(piece, turn, corner, 0.0)
             nearest = min(nearest, _inside(problem.given_rows, first, end, x, y))
         probability *= _normal_cdf(nearest / math.sqrt(_spread_at(spread, piece, numbers[1])))
     return _answered(probability, True, numbers[0])
@@ -328,14 +360,13 @@ def _depth(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
     covariance is diagonal plus rank one, whose determinant and inverse are known.
     """
     numbers, kinds = problem.given[s], problem.given_kinds[s]
-    cp, sp, count = math.cos(camera[0]), math.sin(camera[0]), kinds[3] - kinds[2]
-    pose = problem.pose_tolerance[kinds[4]] * math.exp(camera[3])
+    view, joint, count = camera_pose(camera), kinds[4], kinds[3] - kinds[2]
+    pose = problem.pose_tolerance[joint] * math.exp(camera[3])
     a, b = numbers[0] ** 2, numbers[1] ** 2
     logs, squares, sums, weights = 0.0, 0.0, 0.0, 0.0
     for k in range(kinds[2], kinds[3]):
         joints = cache.joints[cache.pose_row[int(problem.given_rows[k, 0])]]
-        depth = cp * joints[1, kinds[4]] + sp * (joints[2, kinds[4]] - camera[1])
-        depth = max(depth, NEAREST)
+        depth = point_to_camera(view, joints[0, joint], joints[1, joint], joints[2, joint])[1]
         said = problem.given_rows[k, 1]
         off, variance = math.log(said / depth), a + (pose / depth) ** 2
         logs += math.log(variance) + 2.0 * math.log(said)
@@ -344,7 +375,7 @@ def _depth(problem: Problem, cache: Cache, camera: Array, s: int) -> float:
         weights += 1.0 / variance
     common = 1.0 + b * weights
     squares -= b * sums * sums / common
-    return float(-0.5 * (count * _LOG_2PI + logs + math.log(common) + squares))
+    return float(-0.5 * (count * LOG_2PI + logs + math.log(common) + squares))
 
 
 @inner
@@ -362,15 +393,14 @@ def _far_from(
             if not wanted[k]:
                 continue
             box, turn = cache.boxes[k], cache.turns[k]
-            dx, dy = x - box[0], y - box[1]
-            u = max(abs(turn[0] * dx + turn[1] * dy) - box[3], 0.0)
-            v = max(abs(turn[0] * dy - turn[1] * dx) - box[4], 0.0)
+            along, across = rotated_back(turn[0], turn[1], x - box[0], y - box[1])
+            u, v = max(abs(along) - box[3], 0.0), max(abs(across) - box[4], 0.0)
             if sits:
                 above = abs(z - box[2] - box[5])
-                best = max(best, min(_REACH - above, 0.5 * _REACH - math.hypot(u, v)))
+                best = max(best, min(TOUCH_REACH - above, 0.5 * TOUCH_REACH - math.hypot(u, v)))
             else:
                 w = max(abs(z - box[2]) - box[5], 0.0)
-                best = max(best, _REACH - math.sqrt(u * u + v * v + w * w))
+                best = max(best, TOUCH_REACH - math.sqrt(u * u + v * v + w * w))
     return best
 
 
@@ -438,9 +468,7 @@ def _directions(piece: Array, turn: Array, angles: Array) -> None:
     """Least and greatest bearing of an object's corners from the camera, radians."""
     angles[0], angles[1] = math.inf, -math.inf
     for corner in range(4):
-        a = piece[3] if corner & 1 else -piece[3]
-        b = piece[4] if corner & 2 else -piece[4]
-        x, y = piece[0] + turn[0] * a - turn[1] * b, piece[1] + turn[1] * a + turn[0] * b
+        x, y = corner_of(piece, turn, corner, 0.0)
         angle = math.atan2(x, y)
         angles[0], angles[1] = min(angles[0], angle), max(angles[1], angle)
 
@@ -478,19 +506,12 @@ def _behind(problem: Problem, s: int, pieces: Array, turns: Array, shares: Array
 def _person(problem: Problem, cache: Cache, camera: Array, t: int, edges: Array) -> None:
     """Left, top, right and bottom of the person in a frame, pixels, and the pelvis depth,
     metres."""
-    cp, sp, cr, sr = (
-        math.cos(camera[0]),
-        math.sin(camera[0]),
-        math.cos(camera[4]),
-        math.sin(camera[4]),
-    )
-    focal, joints = math.exp(camera[2]), cache.joints[cache.pose_row[t]]
+    pose, focal, joints = camera_pose(camera), math.exp(camera[2]), cache.joints[cache.pose_row[t]]
     edges[0], edges[1], edges[2], edges[3] = math.inf, math.inf, -math.inf, -math.inf
     for j in range(joints.shape[1]):
-        x, y, z = joints[0, j], joints[1, j], joints[2, j] - camera[1]
-        depth, level = max(cp * y + sp * z, NEAREST), cp * z - sp * y
-        u = problem.cx + focal * problem.fx * (cr * x + sr * level) / depth
-        v = problem.cy - focal * problem.fy * (cr * level - sr * x) / depth
+        right, depth, up = point_to_camera(pose, joints[0, j], joints[1, j], joints[2, j])
+        u = problem.cx + focal * problem.fx * right / depth
+        v = problem.cy - focal * problem.fy * up / depth
         edges[0], edges[2] = min(edges[0], u), max(edges[2], u)
         edges[1], edges[3] = min(edges[1], v), max(edges[3], v)
         if j == PELV:
@@ -516,7 +537,7 @@ def _pictured(
     """
     numbers, kinds = problem.given[s], problem.given_kinds[s]
     count, person = len(pieces), np.empty(5)
-    lens, spread = _lens_of(problem, numbers[4], numbers[5]), _spread_of(problem)
+    lens, spread = _lens_of(problem, numbers[PICTURE_OF_BOXES:]), _spread_of(problem)
     outlines, rates = np.empty((count, 5)), np.empty(count)
     mean, covariance, piece = np.empty(ERRORS), np.empty((ERRORS, ERRORS)), np.empty(PIECE)
     edges, slopes = np.empty(5), np.empty((4, ERRORS))
@@ -525,11 +546,10 @@ def _pictured(
         find_outline(lens, camera, pieces[k], turns[k], outlines[k], slopes)
     total = -numbers[1]
     for k in range(count):
-        # Poisson rate at which "no box" is as probable as a miss of the detector.
-        rates[k] = -math.log1p(-numbers[0] * shown(outlines, k, person))
+        rates[k] = detection_rate(numbers[0], outlines, k, person)
         total -= rates[k] * shares[kinds[1] + kinds[3] - kinds[2], k].sum()
     for d in range(kinds[3] - kinds[2]):
-        density = numbers[1] * math.exp(numbers[2])
+        density = numbers[1] * math.exp(numbers[CLUTTER])
         for k in range(count):
             own = shares[kinds[1] + d, k]
             for case in range(len(own)):

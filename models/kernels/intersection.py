@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled, inlined, inner, inner_inlined
+from imapper_prob.models.kernels.axes import rotated_back
 from imapper_prob.models.settings import LEVEL
 from imapper_prob.models.skeleton import HEAD, LANK, LHIP, LKNE, PELV, RANK, RHIP, RKNE
 
@@ -70,15 +71,14 @@ def overlap_depth(a: Array, turn_a: Array, b: Array, turn_b: Array) -> float:
     if min(a[2] + a[5], b[2] + b[5]) - max(a[2] - a[5], b[2] - b[5]) <= LEVEL:
         return 0.0
     dx, dy = b[0] - a[0], b[1] - a[1]
-    c = abs(turn_a[0] * turn_b[0] + turn_a[1] * turn_b[1])
-    s = abs(turn_a[0] * turn_b[1] - turn_a[1] * turn_b[0])
+    c, s = rotated_back(turn_a[0], turn_a[1], turn_b[0], turn_b[1])
+    c, s = abs(c), abs(s)
     depth = math.inf
     for which in range(2):
         own, other, turn = (a, b, turn_a) if which == 0 else (b, a, turn_b)
-        along = abs(turn[0] * dx + turn[1] * dy)
-        across = abs(turn[0] * dy - turn[1] * dx)
-        depth = min(depth, own[3] + c * other[3] + s * other[4] - along)
-        depth = min(depth, own[4] + s * other[3] + c * other[4] - across)
+        along, across = rotated_back(turn[0], turn[1], dx, dy)
+        depth = min(depth, own[3] + c * other[3] + s * other[4] - abs(along))
+        depth = min(depth, own[4] + s * other[3] + c * other[4] - abs(across))
     return max(depth, 0.0)
 
 
@@ -124,10 +124,8 @@ def column_depth(x: float, y: float, low: float, high: float, box: Array, turn: 
         Metres; 0 outside.
     """
     up, down = box[2] + box[5] - low, high - (box[2] - box[5])
-    dx, dy = x - box[0], y - box[1]
-    u = abs(turn[0] * dx + turn[1] * dy)
-    v = abs(-turn[1] * dx + turn[0] * dy)
-    depth: float = min(min(up, down), min(box[3] - u, box[4] - v))
+    along, across = rotated_back(turn[0], turn[1], x - box[0], y - box[1])
+    depth: float = min(min(up, down), min(box[3] - abs(along), box[4] - abs(across)))
     return max(depth, 0.0)
 
 

@@ -17,23 +17,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled, inner
+from imapper_prob.models.kernels.axes import (
+    camera_pose,
+    point_of_box,
+    point_to_camera,
+    vector_to_camera,
+)
 from imapper_prob.models.settings import NEAREST, SIDE_SPREAD
 
 __all__ = [
     "ERRORS",
+    "LOG_2PI",
+    "detection_rate",
     "find_outline",
     "log_normal",
     "measure_box",
     "measure_object",
     "resize",
     "set_errors",
-    "shown",
 ]
 
 Array = NDArray[np.float64]
 ERRORS: Final = 5
 """Number of errors of a piece."""
-_LOG_2PI: Final = math.log(2.0 * math.pi)
+LOG_2PI: Final = math.log(2.0 * math.pi)
 _GRID: Final = 4
 """Points along each side of an object's image box at which occlusion is tested."""
 
@@ -51,7 +58,7 @@ def log_normal(x: float, variance: float) -> float:
     -------
     float
     """
-    return -0.5 * (_LOG_2PI + math.log(variance) + x * x / variance)
+    return -0.5 * (LOG_2PI + math.log(variance) + x * x / variance)
 
 
 @compiled
@@ -135,13 +142,8 @@ def find_outline(
     slopes : (4, 5) float
         Output: derivatives of the edges by the errors; 0 where an edge is cut off.
     """
-    cp, sp, cr, sr = (
-        math.cos(camera[0]),
-        math.sin(camera[0]),
-        math.cos(camera[4]),
-        math.sin(camera[4]),
-    )
-    across, up = math.exp(camera[2]) * lens[2], math.exp(camera[2]) * lens[3]
+    pose = camera_pose(camera)
+    fx, fy = math.exp(camera[2]) * lens[2], math.exp(camera[2]) * lens[3]
     edges[0], edges[1], edges[2], edges[3] = math.inf, math.inf, -math.inf, -math.inf
     moves = np.zeros((ERRORS, 3))
     for corner in range(8):
@@ -154,30 +156,29 @@ def find_outline(
         moves[3, 0], moves[3, 1] = -b * turn[1], b * turn[0]
         # A higher piece still stands on the floor.
         moves[4, 2] = above
-        x, y = piece[0] + moves[2, 0] + moves[3, 0], piece[1] + moves[2, 1] + moves[3, 1]
-        z = above - camera[1]
-        depth, level = max(cp * y + sp * z, NEAREST), cp * z - sp * y
-        right, top = (cr * x + sr * level) / depth, (cr * level - sr * x) / depth
-        u, v = lens[0] + across * right, lens[1] - up * top
+        x, y = point_of_box(piece, turn[0], turn[1], a, b)
+        right, depth, up = point_to_camera(pose, x, y, above)
+        right, up = right / depth, up / depth
+        u, v = lens[0] + fx * right, lens[1] - fy * up
         for edge in range(4):
             value = v if edge % 2 else u
             if value < edges[edge] if edge < 2 else value > edges[edge]:
                 edges[edge] = value
                 for k in range(ERRORS):
-                    nearer = cp * moves[k, 1] + sp * moves[k, 2] if depth > NEAREST else 0.0
-                    lifted = cp * moves[k, 2] - sp * moves[k, 1]
+                    aside, farther, lifted = vector_to_camera(
+                        pose, moves[k, 0], moves[k, 1], moves[k, 2]
+                    )
+                    farther = farther if depth > NEAREST else 0.0
                     if edge % 2:
-                        aside = cr * lifted - sr * moves[k, 0]
-                        slopes[edge, k] = -up * (aside - top * nearer) / depth
+                        slopes[edge, k] = -fy * (lifted - up * farther) / depth
                     else:
-                        aside = cr * moves[k, 0] + sr * lifted
-                        slopes[edge, k] = across * (aside - right * nearer) / depth
+                        slopes[edge, k] = fx * (aside - right * farther) / depth
     for edge in range(4):
         most = lens[4 + edge % 2]
         if not 0.0 < edges[edge] < most:
             edges[edge] = min(max(edges[edge], 0.0), most)
             slopes[edge] = 0.0
-    edges[4] = max(cp * piece[1] + sp * (piece[2] - camera[1]), NEAREST)
+    edges[4] = point_to_camera(pose, piece[0], piece[1], piece[2])[1]
 
 
 @compiled
@@ -250,11 +251,13 @@ def measure_object(
 
 
 @compiled
-def shown(outlines: Array, k: int, person: Array) -> float:
-    """Share of a piece's image box that no nearer piece and no person occludes.
+def detection_rate(rate: float, outlines: Array, k: int, person: Array) -> float:
+    """Poisson rate of boxes of a piece at which "no box" is as probable as a detector's miss.
 
     Parameters
     ----------
+    rate : float
+        Probability of detecting a piece in full view.
     outlines : (K, 5) float
         Left, top, right, bottom (px) and depth (m) of all pieces.
     k : int
@@ -266,6 +269,12 @@ def shown(outlines: Array, k: int, person: Array) -> float:
     -------
     float
     """
+    return -math.log1p(-rate * _shown(outlines, k, person))
+
+
+@inner
+def _shown(outlines: Array, k: int, person: Array) -> float:
+    """Share of a piece's image box that no nearer piece and no person occludes."""
     edges, free, count = outlines[k], 0, len(outlines)
     for i in range(_GRID * _GRID):
         u = edges[0] + (i % _GRID + 0.5) / _GRID * (edges[2] - edges[0])

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled, inner_inlined
+from imapper_prob.models.kernels.axes import camera_pose, point_to_camera, rotated, rotated_back
 from imapper_prob.models.kernels.cache import ADDED, Cache
 from imapper_prob.models.kernels.intersection import (
     BOTH,
@@ -25,8 +26,9 @@ from imapper_prob.models.kernels.intersection import (
 )
 from imapper_prob.models.kernels.visibility import set_occluder
 from imapper_prob.models.problem import Problem
-from imapper_prob.models.settings import LOWEST_CAMERA, NEAREST, STEEPEST_CAMERA
+from imapper_prob.models.settings import LOWEST_CAMERA, STEEPEST_CAMERA
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.models.view import seen_point
 
 __all__ = [
     "expected_facing",
@@ -64,8 +66,8 @@ def _place_box(
     """
     local = boxes[b]
     c, s = body * math.cos(yaw), body * math.sin(yaw)
-    box[0] = c * local[0] - s * local[1] + x
-    box[1] = s * local[0] + c * local[1] + y
+    across, ahead = rotated(c, s, local[0], local[1])
+    box[0], box[1] = across + x, ahead + y
     for axis in range(2, 6):
         box[axis] = body * local[axis]
     box[6] = local[6] + yaw
@@ -151,16 +153,11 @@ def _pelvis(problem: Problem, cache: Cache, camera: Array, slot: int, frame: int
     px, py, yaw = cache.placements[slot]
     body = cache.bodies[slot]
     c, s = body * math.cos(yaw), body * math.sin(yaw)
-    cp, sp = math.cos(camera[0]), math.sin(camera[0])
-    x, y = problem.joints[frame, PELV, 0], problem.joints[frame, PELV, 1]
-    height = body * problem.joints[frame, PELV, 2] - camera[1]
-    forward = s * x + c * y + py
-    depth: float = max(cp * forward + sp * height, NEAREST)
-    right = math.cos(camera[4]) * (c * x - s * y + px)
-    right += math.sin(camera[4]) * (cp * height - sp * forward)
-    cache.pelvis[slot, to] = right / depth
-    cache.pelvis[slot, to + 1] = math.log(depth)
-    return depth
+    x, y = rotated(c, s, problem.joints[frame, PELV, 0], problem.joints[frame, PELV, 1])
+    z = body * problem.joints[frame, PELV, 2]
+    right, depth, _ = point_to_camera(camera_pose(camera), x + px, y + py, z)
+    cache.pelvis[slot, to], cache.pelvis[slot, to + 1] = seen_point(right, depth)
+    return float(depth)
 
 
 @inner_inlined
@@ -265,8 +262,9 @@ def expected_facing(problem: Problem, scenelet: int, start: int) -> tuple[float,
     for n in range(first, last):
         seen = problem.path_facing[start + n - first]
         own = problem.joint_facing[n]
-        along += seen[0] * own[0] + seen[1] * own[1]
-        aside += seen[1] * own[0] - seen[0] * own[1]
+        ahead, left = rotated_back(own[0], own[1], seen[0], seen[1])
+        along += ahead
+        aside += left
     length = math.hypot(along, aside)
     if length < _UNKNOWN:
         return 0.0, 0.0

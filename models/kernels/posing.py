@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import inner_inlined
+from imapper_prob.models.kernels.axes import rotated
 from imapper_prob.models.kernels.cache import ADDED, REMOVED, Cache
 from imapper_prob.models.kernels.frame import lens_of, set_detections, set_visibility_likelihoods
 from imapper_prob.models.kernels.intersection import (
@@ -33,6 +34,7 @@ from imapper_prob.models.kernels.visibility import (
     update_clearance,
 )
 from imapper_prob.models.problem import Problem
+from imapper_prob.models.view import floor_point
 
 __all__ = [
     "copy_joints",
@@ -162,8 +164,8 @@ def _pose_covered_frames(problem: Problem, cache: Cache, slot: int) -> None:
         row = rows[t]
         for j in range(16):
             x, y = library[offset + t, j, 0], library[offset + t, j, 1]
-            joints[row, 0, j] = c * x - s * y + px
-            joints[row, 1, j] = s * x + c * y + py
+            x, y = rotated(c, s, x, y)
+            joints[row, 0, j], joints[row, 1, j] = x + px, y + py
             joints[row, 2, j] = body * library[offset + t, j, 2]
 
 
@@ -199,8 +201,8 @@ def _pose_free_frames(problem: Problem, cache: Cache, n_moved: int, camera: Arra
         t = cache.frames[i]
         if cover[1, t] < 0:
             row = rows[t]
-            depth = math.exp(path[row, 1])
-            px, pz = path[row, 0] * depth, lift[t] / focal * depth
+            px, depth = floor_point(path[row, 0], path[row, 1])
+            pz = lift[t] / focal * depth
             for j in range(16):
                 right = px + body * poses[t, 0, j]
                 y = depth + body * poses[t, 1, j]

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled, inlined, inner_inlined
+from imapper_prob.models.kernels.axes import corner_of, rotated_back
 from imapper_prob.models.settings import NEAR_SIGHT, NOTHING_IN_SIGHT, OPAQUE
 
 __all__ = [
@@ -71,10 +72,7 @@ def _set_window(
     """
     left, right, low, high, nearest = math.inf, -math.inf, math.inf, -math.inf, math.inf
     for corner in range(4):
-        u = (box[3] + NOTHING_IN_SIGHT) * (1.0 if corner & 1 else -1.0)
-        v = (box[4] + NOTHING_IN_SIGHT) * (1.0 if corner & 2 else -1.0)
-        x = box[0] + turn[0] * u - turn[1] * v
-        y = box[1] + turn[1] * u + turn[0] * v
+        x, y = corner_of(box, turn, corner, NOTHING_IN_SIGHT)
         nearest = min(nearest, y)
         if y > NEAR_SIGHT:
             bottom = box[2] - box[5] - NOTHING_IN_SIGHT - elevation
@@ -153,9 +151,7 @@ def set_occluder(elevation: float, box: Array, turn: Array, occluder: Singles) -
     """
     _set_window(elevation, box, turn, occluder)
     occluder[5], occluder[6] = turn[0], turn[1]
-    x, y = -box[0], -box[1]
-    occluder[7] = turn[0] * x + turn[1] * y
-    occluder[8] = turn[0] * y - turn[1] * x
+    occluder[7], occluder[8] = rotated_back(turn[0], turn[1], -box[0], -box[1])
     occluder[9] = elevation - box[2]
     occluder[10], occluder[11], occluder[12] = box[3], box[4], box[5]
     thinnest = min(box[3], box[4], box[5])
@@ -306,14 +302,13 @@ def update_clearance(
 def _turn(c: float, s: float, lines: Singles, row: int, scratch32: Singles) -> None:
     """Rotate the lines of sight to the axes of boxes whose yaw has cosine ``c`` and sine ``s``."""
     for j in range(16):
-        u = c * lines[row, _X + j] + s * lines[row, _Y + j]
-        v = c * lines[row, _Y + j] - s * lines[row, _X + j]
+        u, v = rotated_back(c, s, lines[row, _X + j], lines[row, _Y + j])
         w = lines[row, _Z + j]
         scratch32[_MIDDLE + j] = _HALF * u
         scratch32[_MIDDLE + 16 + j] = _HALF * v
         scratch32[_MIDDLE + 32 + j] = _HALF * w
         along, across, up = max(abs(u), _LEVEL), max(abs(v), _LEVEL), max(abs(w), _LEVEL)
-        share = along / (along + across)
+        share = along / (along + across)  # type: ignore[operator]
         scratch32[_FIRST + j] = share
         scratch32[_SECOND + j] = math.copysign(_ONE - share, u * v)
         share = along / (along + up)

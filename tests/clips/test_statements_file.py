@@ -213,7 +213,7 @@ def test_depths_are_read_from_arrays_too(tmp_path: Path) -> None:
         ("[walls]\nx = 1", "unknown table 'walls'; known are absent, behind, camera"),
         ("[camera]\nheigth = [1, 1]", "unknown key 'heigth'; known are pitch, height, focal"),
         ("[camera]\nheight = 1.6", "height must be \\[value, standard deviation\\]"),
-        ("[camera]\nheight = [1.6, -1]", "std of the measured height must be positive"),
+        ("[camera]\nheight = [1.6, -1]", "std of the measured height = -1.0 must be positive"),
         ("[[object]]\nplace = [0, 1]", "object 1: has no 'label'"),
         ('[[object]]\nlabel = "couch"\nat = [0, 1]', "object 1: unknown key 'at'"),
         ('[[object]]\nlabel = "couch"\nplace = ["a", 1]', "object 1: the place of couch must be"),

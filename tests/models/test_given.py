@@ -652,6 +652,15 @@ def test_numbers_may_be_those_of_numpy(number) -> None:
         im.Measured("height", number(2), number(1)),
         im.ObjectAt("couch", place=(number(0), number(3)), place_std=number(1)),
         im.DepthOf((1,), (number(2),), number(1), scale_error=number(0)),
+        im.Seen(0, ((0, 0, 1, 1),), ({"couch": number(1)},), named={"couch": number(1)}),
+    ]
+    assert list(from_json(to_json(said))) == said
+
+
+def test_doubts_and_answers_may_be_those_of_numpy() -> None:
+    said = [
+        im.Presence("couch", there=np.bool_(False), doubt=np.float32(0.25)),
+        im.Contact("couch", 1, 2, np.bool_(True), np.float32(0.25)),
     ]
     assert list(from_json(to_json(said))) == said
 
@@ -673,31 +682,49 @@ def test_frames_may_be_numbers_of_numpy() -> None:
     [
         (lambda: im.Measured("weight", 70, 1), "'weight' is not measured"),
         (lambda: im.Measured("height", 1.5, 0.0), "must be positive"),
-        (lambda: im.Measured("stature", 5.0, 0.1), "not between 0.5 and 2.5"),
+        (
+            lambda: im.Measured("stature", 5.0, 0.1),
+            r"the measured stature = 5.0 must be in \(0.5, 2.5\)",
+        ),
         (lambda: im.ObjectAt("couch"), "neither place, size nor box"),
         (lambda: im.ObjectAt("couch", place=(0.0, math.nan)), "2 finite numbers"),
+        (lambda: im.ObjectAt("couch", place=((0.0, 1.0), 3.0)), "2 finite numbers"),
         (lambda: im.ObjectAt("couch", box=(5, 5, 1, 9)), "left, top, right, bottom"),
         (lambda: im.ObjectAt("couch", size=(1, -1, 1)), "must be positive"),
         (lambda: im.Presence("couch", doubt=0.0), "must be a probability"),
         (lambda: im.Presence("couch", region=[(0, 0), (1, 1)]), "three or more corners"),
         (lambda: im.Room([(0, 0), (1, 1), (1, 0), (0, 1)]), "do not cross"),
         (lambda: im.JointAt("NOSE", 0, (0, 1, 1), 0.1), "'NOSE' is no joint"),
-        (lambda: im.JointAt("PELV", 0.5, (0, 1, 1), 0.1), "frame must be a whole number, not 0.5"),
-        (lambda: im.Contact("couch", 1, "2"), "last must be a whole number, not '2'"),
+        (lambda: im.JointAt("PELV", 0.5, (0, 1, 1), 0.1), "frame = 0.5 must be a whole number"),
+        (lambda: im.Contact("couch", 1, "2"), "last = '2' must be a whole number"),
+        (lambda: im.Contact("couch", True, 2), "first = True must be a whole number"),
+        (lambda: im.Contact("couch", 1, 2, person=0), "person = 0 must be at least 1"),
         (lambda: im.DepthOf((1, 1), (2.0, 2.0), 0.1), "each frame once"),
         (lambda: im.DepthOf((1,), (-2.0,), 0.1), "behind the camera"),
-        (lambda: im.Contact("couch", 5, 4), "before its first"),
+        (lambda: im.Contact("couch", 5, 4), "frame 4 is before the first, 5"),
         (lambda: im.Seen(0, ((0, 0, 1, 1),), ()), "1 boxes in the picture, but 0 labels"),
+        (
+            lambda: im.Seen(0, ((0, 0, 1, 1),), ({"couch": 2},)),
+            "the probability of 'couch' = 2 must be at most 1",
+        ),
+        (lambda: im.Seen(0, (), (), named={"couch": "a lot"}), "= 'a lot' must be a finite number"),
+        (lambda: im.DepthOf((1,), (2.0,), 0.1, -0.1), "scale_error = -0.1 must be at least 0"),
         (lambda: im.Presence(()), "must be a label"),
         (lambda: im.SameObject("couch", [(1, 2)]), "two spans or more"),
         (lambda: im.SameObject("couch", [(1, 2), (4, 5)], people=[1]), "a person for each"),
         (lambda: im.SameObject("couch", [(1, 2), (5, 4)]), "frame 4 is before the first, 5"),
         (lambda: im.Behind("couch", ()), "must be a label"),
-        (lambda: im.Measured("height", True, 0.1), "must be a finite number, not True"),
-        (lambda: im.Presence("couch", there="no"), "must be True or False, not 'no'"),
-        (lambda: im.Contact("couch", 1, 2, "touches"), "must be True or False, not 'touches'"),
-        (lambda: im.SameObject("couch", [(1, 2), (4, 5)], 1), "must be True or False, not 1"),
-        (lambda: im.ObjectAt("couch", place=(0, 3), place_std=1e-9), "must be 0.0001 or more"),
+        (
+            lambda: im.Measured("height", True, 0.1),
+            "the measured height = True must be a finite number",
+        ),
+        (lambda: im.Presence("couch", there="no"), "there of couch = 'no' must be True or False"),
+        (lambda: im.Contact("couch", 1, 2, "touches"), "= 'touches' must be True or False"),
+        (lambda: im.SameObject("couch", [(1, 2), (4, 5)], 1), "= 1 must be True or False"),
+        (
+            lambda: im.ObjectAt("couch", place=(0, 3), place_std=1e-9),
+            "place_std of couch = 1e-09 must be at least 0.0001",
+        ),
         (
             lambda: im.Seen(0, ((0, 0, 1, 1),), ({"couch": 0.5},), named={"couch": 0.4}),
             "a couch with probability 0.5, but all labels together name one with 0.4",
