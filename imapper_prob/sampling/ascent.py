@@ -29,7 +29,7 @@ from imapper_prob.sampling.jit import compiled, inner, inner_inlined
 from imapper_prob.sampling.redraws import set_placement, with_stretch
 from imapper_prob.sampling.reference import NONE_BEFORE, Reference
 from imapper_prob.sampling.reference_placement import expected, leaves
-from imapper_prob.sampling.scene import Scene, scene_of, state_of
+from imapper_prob.sampling.scene import StateArrays, arrays_of, state_of
 from imapper_prob.sampling.steps import MOVES, Moves, Walker, log_posteriors
 
 __all__ = ["climb"]
@@ -184,7 +184,7 @@ def _exchanged(
     if not len(pairs):
         return state
     reference = moves.reference
-    scene = scene_of(state)
+    scene = arrays_of(state)
     evaluator = _standing(problem, scene, state.n_scenelets + 2)
     values = _values(evaluator, scene, _scenes_with(reference, scene, first, last, pairs))
     promising = pairs[np.argsort(-values, kind="stable")[:_PROMISING]]
@@ -194,7 +194,7 @@ def _exchanged(
     return _best(evaluator, scene, changed) or state
 
 
-def _standing(problem: Problem, scene: Scene, capacity: int) -> Evaluator:
+def _standing(problem: Problem, scene: StateArrays, capacity: int) -> Evaluator:
     """An evaluator of up to so many scenelets whose current scene is this one."""
     evaluator = open_evaluator(problem, capacity)
     change(
@@ -218,7 +218,7 @@ def _redrawn(
 
     They are drawn at their expected placements, given the scenelet before.
     """
-    scene = scene_of(state)
+    scene = arrays_of(state)
     still = moves.reference._replace(factors=_STILL * moves.reference.factors)
     drawn = _draws(still, rng, scene, first, last, number)
     evaluator = _standing(problem, scene, state.n_scenelets + number)
@@ -229,7 +229,7 @@ def _redrawn(
 def _draws(
     reference: Reference,
     rng: np.random.Generator,
-    scene: Scene,
+    scene: StateArrays,
     first: int,
     last: int,
     number: int,
@@ -252,7 +252,7 @@ def _draws(
 
 
 @inner_inlined
-def _copy(scene: Scene, items: Ints, placements: Array, sizes: Array, n: int) -> None:
+def _copy(scene: StateArrays, items: Ints, placements: Array, sizes: Array, n: int) -> None:
     # By numbers: numba takes seconds to compile the message of an assignment of arrays that fails.
     for i in range(len(scene.items)):
         items[n, i, 0], items[n, i, 1] = scene.items[i, 0], scene.items[i, 1]
@@ -261,7 +261,9 @@ def _copy(scene: Scene, items: Ints, placements: Array, sizes: Array, n: int) ->
             placements[n, i, j] = scene.placements[i, j]
 
 
-def _best(evaluator: Evaluator, scene: Scene, changed: tuple[Ints, Array, Array]) -> State | None:
+def _best(
+    evaluator: Evaluator, scene: StateArrays, changed: tuple[Ints, Array, Array]
+) -> State | None:
     """The most probable of n scenes; None if there is none inside the support."""
     values = _values(evaluator, scene, changed, rising=True)
     if not values.max(initial=-math.inf) > -math.inf:
@@ -271,7 +273,11 @@ def _best(evaluator: Evaluator, scene: Scene, changed: tuple[Ints, Array, Array]
 
 
 def _values(
-    evaluator: Evaluator, scene: Scene, changed: tuple[Ints, Array, Array], *, rising: bool = False
+    evaluator: Evaluator,
+    scene: StateArrays,
+    changed: tuple[Ints, Array, Array],
+    *,
+    rising: bool = False,
 ) -> Array:
     """(n,) log-posteriors in nats of the evaluator's scene with other scenelets."""
     camera, latent = scene.camera[None], scene.latent[None]
@@ -293,8 +299,8 @@ def _nearby(problem: Problem, moves: Moves, state: State, rng: np.random.Generat
 
 @inner
 def _with(
-    reference: Reference, scene: Scene, first: int, last: int, scenelet: int, start: int
-) -> Scene:
+    reference: Reference, scene: StateArrays, first: int, last: int, scenelet: int, start: int
+) -> StateArrays:
     """A scene with a scenelet instead of some consecutive ones, at its expected placement."""
     left, before, middle = NONE_BEFORE, np.empty((2, 4)), np.empty((2, 4))
     if first > 0:
@@ -306,7 +312,7 @@ def _with(
     item, placement, size = np.empty((1, 2), np.int64), np.empty((1, 3)), np.empty(1)
     item[0, 0], item[0, 1], size[0] = scenelet, start, middle[0, 3]
     set_placement(reference, scene.camera, scenelet, middle[0], placement[0])
-    return Scene(
+    return StateArrays(
         scene.camera,
         np.concatenate((scene.items[:first], item, scene.items[last:])),
         np.concatenate((scene.placements[:first], placement, scene.placements[last:])),
@@ -317,7 +323,7 @@ def _with(
 
 @compiled
 def _scenes_with(
-    reference: Reference, scene: Scene, first: int, last: int, tried: Ints
+    reference: Reference, scene: StateArrays, first: int, last: int, tried: Ints
 ) -> tuple[Ints, Array, Array]:
     """Items, placements and sizes of a scene for each of n pairs of scenelet and start."""
     k = len(scene.items) - (last - first) + 1

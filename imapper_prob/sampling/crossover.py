@@ -18,7 +18,7 @@ from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
 from imapper_prob.sampling.jit import compiled, inner
 from imapper_prob.sampling.looks import middle_heights, reprojected
-from imapper_prob.sampling.scene import Scene, scene_of, state_of
+from imapper_prob.sampling.scene import StateArrays, arrays_of, state_of
 
 __all__ = ["TimeCrossover"]
 
@@ -54,15 +54,15 @@ class TimeCrossover:
         None if both stretches are empty, or if a scenelet has no valid placement.
         """
         warm, cool, ratio = _exchange(
-            self._lengths, self._heights, rng, scene_of(hot), scene_of(cold)
+            self._lengths, self._heights, rng, arrays_of(hot), arrays_of(cold)
         )
         return None if math.isnan(ratio) else (state_of(warm), state_of(cool), float(ratio))
 
 
 @compiled
 def _exchange(
-    lengths: Ints, heights: Array, rng: np.random.Generator, hot: Scene, cold: Scene
-) -> tuple[Scene, Scene, float]:
+    lengths: Ints, heights: Array, rng: np.random.Generator, hot: StateArrays, cold: StateArrays
+) -> tuple[StateArrays, StateArrays, float]:
     """Both scenes after the exchange and the log Jacobian, NaN if it is impossible."""
     cuts = _cuts(lengths, hot.items, cold.items, len(hot.latent))
     n_blocks = len(cuts) - 1
@@ -100,28 +100,28 @@ def _cuts(lengths: Ints, one: Ints, other: Ints, n_frames: int) -> Ints:
 
 
 @inner
-def _inside(scene: Scene, begin: int, end: int) -> Flags:
+def _inside(scene: StateArrays, begin: int, end: int) -> Flags:
     starts = scene.items[:, 1]
     return (starts >= begin) & (starts < end)
 
 
 @inner
 def _merged(
-    own: Scene,
+    own: StateArrays,
     kept: Flags,
-    others: Scene,
+    others: StateArrays,
     taken: Flags,
     placements: Array,
     sizes: Array,
     begin: int,
     end: int,
-) -> Scene:
+) -> StateArrays:
     """A scene with the other's scenelets in a stretch, placed for its own camera."""
     items = np.concatenate((own.items[kept], others.items[taken]))
     order = np.argsort(items[:, 1], kind="mergesort")
     latent = own.latent.copy()
     latent[begin:end] = others.latent[begin:end]
-    return Scene(
+    return StateArrays(
         own.camera,
         items[order],
         np.concatenate((own.placements[kept], placements[taken]))[order],

@@ -35,7 +35,7 @@ from imapper_prob.models.view import log_area, to_floor, to_view
 from imapper_prob.samplers.chains import Report, Workers, run_chains
 from imapper_prob.samplers.diagnostics import ShortChainWarning, ess, mean_error, rhat
 from imapper_prob.samplers.ensemble import Ensemble, can_walk, walk_ensemble
-from imapper_prob.sampling.scene import scene_of
+from imapper_prob.sampling.scene import arrays_of
 from imapper_prob.sampling.steps import log_posteriors
 
 __all__ = ["QUANTITIES", "Walked", "describe_walked", "walk_draws"]
@@ -235,7 +235,7 @@ class _Target:
 
     def __init__(self, problem: Problem, states: Sequence[State]) -> None:
         self._published = problem.paper_nats if problem.of_paper else None
-        self._anywhere = scene_of(states[0])
+        self._anywhere = arrays_of(states[0])
         self._items = np.stack([state.items for state in states])
         self._evaluator = open_evaluator(problem, max(1, self._items.shape[1]))
         self._path = (problem.n_frames, 2)

@@ -21,7 +21,7 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import floor_point, seen_point
 from imapper_prob.sampling.jit import compiled, inner_inlined
-from imapper_prob.sampling.scene import Scene
+from imapper_prob.sampling.scene import StateArrays
 
 __all__ = ["carry", "log_volume", "look", "middle_heights", "reprojected", "stand"]
 
@@ -135,7 +135,7 @@ def middle_heights(problem: Problem) -> Array:
 
 @compiled
 def reprojected(
-    heights: Array, scene: Scene, before: Array, after: Array, which: NDArray[np.bool_]
+    heights: Array, scene: StateArrays, before: Array, after: Array, which: NDArray[np.bool_]
 ) -> tuple[Array, Array, float]:
     """Move scenelets so that they look the same through another camera.
 
@@ -143,7 +143,7 @@ def reprojected(
     ----------
     heights : (L,) float
         :func:`middle_heights`.
-    scene : Scene
+    scene : StateArrays
     before, after : (5,) float
         Camera parameters.
     which : (k,) bool

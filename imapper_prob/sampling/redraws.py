@@ -33,7 +33,7 @@ from imapper_prob.sampling.reference import (
 )
 from imapper_prob.sampling.reference_density import log_reference, log_stretch, shares_after
 from imapper_prob.sampling.reference_placement import expected, leaves
-from imapper_prob.sampling.scene import Scene
+from imapper_prob.sampling.scene import StateArrays
 
 __all__ = ["draw_scene", "redraw_scene", "redraw_stretch", "set_placement", "with_stretch"]
 
@@ -55,7 +55,7 @@ _NOTHING: Final = -1
 
 
 @compiled
-def draw_scene(reference: Reference, rng: np.random.Generator) -> Scene:
+def draw_scene(reference: Reference, rng: np.random.Generator) -> StateArrays:
     """Draw a scene from the reference.
 
     Parameters
@@ -65,20 +65,20 @@ def draw_scene(reference: Reference, rng: np.random.Generator) -> Scene:
 
     Returns
     -------
-    Scene
+    StateArrays
         It may lie outside the support of the posterior.
     """
     n_frames = len(reference.room) - 1
     camera = reference.camera_mean + _draw_t(reference.camera_factor, rng)
     latent = rng.standard_normal((n_frames, 2))
-    empty = Scene(camera, np.empty((0, 2), np.int64), np.empty((0, 3)), np.empty(0), latent)
+    empty = StateArrays(camera, np.empty((0, 2), np.int64), np.empty((0, 3)), np.empty(0), latent)
     return with_stretch(reference, rng, empty, START, START)[0]
 
 
 @inner
 def with_stretch(
-    reference: Reference, rng: np.random.Generator, scene: Scene, first: int, last: int
-) -> tuple[Scene, int]:
+    reference: Reference, rng: np.random.Generator, scene: StateArrays, first: int, last: int
+) -> tuple[StateArrays, int]:
     """Redraw consecutive scenelets of a scene, given the others and the camera.
 
     See :func:`imapper_prob.sampling.reference_density.log_stretch`.
@@ -87,13 +87,13 @@ def with_stretch(
     ----------
     reference : Reference
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
     first, last : int
         Index of the first one, and the index after the last.
 
     Returns
     -------
-    Scene
+    StateArrays
         The last new scenelet may overlap the next one.
     int
         Number of new scenelets.
@@ -126,7 +126,7 @@ def with_stretch(
         left = leaves(reference, camera, scenelet, start, placements[n], sizes[n], before)
         kind, end = reference.kinds[scenelet], start + reference.lengths[scenelet]
         n += 1
-    changed = Scene(
+    changed = StateArrays(
         camera,
         np.concatenate((scene.items[:first], items[:n], scene.items[last:])),
         np.concatenate((scene.placements[:first], placements[:n], scene.placements[last:])),
@@ -268,19 +268,19 @@ def set_placement(
 
 @inner
 def redraw_scene(
-    reference: Reference, rng: np.random.Generator, scene: Scene
-) -> tuple[Scene, float]:
+    reference: Reference, rng: np.random.Generator, scene: StateArrays
+) -> tuple[StateArrays, float]:
     """Redraw everything: camera, scenelets and latent variables.
 
     Parameters
     ----------
     reference : Reference
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene, float
+    StateArrays, float
     """
     new = draw_scene(reference, rng)
     there = log_reference(reference, new.camera, new.items, new.placements, new.sizes)
@@ -290,8 +290,8 @@ def redraw_scene(
 
 @inner
 def redraw_stretch(
-    reference: Reference, rng: np.random.Generator, scene: Scene
-) -> tuple[Scene, float]:
+    reference: Reference, rng: np.random.Generator, scene: StateArrays
+) -> tuple[StateArrays, float]:
     """Redraw a run of consecutive scenelets or a gap, which may change their number.
 
     A run of n scenelets has weight 2^-n, because long ones are seldom accepted and cost more. Whole
@@ -302,11 +302,11 @@ def redraw_stretch(
     ----------
     reference : Reference
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene, float
+    StateArrays, float
         The move is impossible if a new scenelet overlaps the one after the run.
     """
     first, last = _draw_run(reference.lengths, scene.items, rng)

@@ -33,7 +33,7 @@ from imapper_prob.sampling.jit import compiled, inner
 from imapper_prob.sampling.looks import middle_heights
 from imapper_prob.sampling.reference import Reference
 from imapper_prob.sampling.reference_density import log_reference
-from imapper_prob.sampling.scene import Scene, scene_of, state_of
+from imapper_prob.sampling.scene import StateArrays, arrays_of, state_of
 
 __all__ = ["MOVES", "Moves", "Walker", "log_posteriors", "parts_of", "propose", "scene_moves"]
 
@@ -170,7 +170,9 @@ def shared(moves: Moves) -> Known:
 
 
 @compiled
-def propose(known: Moves, move: int, rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+def propose(
+    known: Moves, move: int, rng: np.random.Generator, scene: StateArrays
+) -> tuple[StateArrays, float]:
     """Propose a scene by one of the moves.
 
     Parameters
@@ -179,11 +181,11 @@ def propose(known: Moves, move: int, rng: np.random.Generator, scene: Scene) -> 
     move : int
         Index in ``MOVES``.
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene
+    StateArrays
     float
         Log of reverse over forward proposal density, nats; -inf if the move is impossible.
     """
@@ -219,7 +221,7 @@ def log_posteriors(
     evaluator: Evaluator,
     published: Array | None,
     n_before: int,
-    now: Scene,
+    now: StateArrays,
     cameras: Array,
     items: Ints,
     placements: Array,
@@ -238,7 +240,7 @@ def log_posteriors(
     n_before : int
         Number of scenelets of the evaluator's current scene; ``NOWHERE`` if it has none, or shares
         nothing with the others.
-    now : Scene
+    now : StateArrays
         Current scene of the evaluator.
     cameras : (W, 5) float
     items : (W, k, 2) int
@@ -288,8 +290,8 @@ def _judge(
     evaluator: Evaluator,
     published: Array | None,
     n_before: int,
-    now: Scene,
-    new: Scene,
+    now: StateArrays,
+    new: StateArrays,
     beta: float,
     least: float,
 ) -> tuple[float, float]:
@@ -330,13 +332,13 @@ def _advance(
     capacity: int,
     rng: np.random.Generator,
     beta: float,
-    scene: Scene,
+    scene: StateArrays,
     log_prior: float,
     log_likelihood: float,
     chosen: Ints,
     log_acceptance: Array,
     accepted: NDArray[np.bool_],
-) -> tuple[Scene, float, float, Evaluator, int, int]:
+) -> tuple[StateArrays, float, float, Evaluator, int, int]:
     """Make some steps; the last value is the move that gave an invalid density, or -1.
 
     The number at random that decides is drawn before the proposal is evaluated; then the evaluation
@@ -420,7 +422,7 @@ def parts_of(problem: Problem, reference: Reference, state: State) -> Parts:
 def _in_parts(reference: Reference, log_density: float, state: State) -> Parts:
     if log_density == -math.inf:
         return Parts(-math.inf, 0.0)
-    scene = scene_of(state)
+    scene = arrays_of(state)
     log_prior = float(
         log_reference(reference, scene.camera, scene.items, scene.placements, scene.sizes)
     )
@@ -446,7 +448,7 @@ class Walker:
         self._problem, self._known = problem, shared(moves)
         self._published = problem.paper_nats if problem.of_paper else None
         self._state = self._last = state
-        self._scene = self._last_scene = scene_of(state)
+        self._scene = self._last_scene = arrays_of(state)
         self._parts = self._last_parts = Parts(0.0, 0.0)
         self._capacity: int = max(_CAPACITY, state.n_scenelets)
         self._evaluator: Evaluator = open_evaluator(problem, self._capacity)
@@ -467,7 +469,7 @@ class Walker:
         """
         if state is self._state:
             return self._parts
-        self._last, self._last_scene = state, scene_of(state)
+        self._last, self._last_scene = state, arrays_of(state)
         self._last_parts = self._judged(self._last_scene, len(self._scene.items), beta, least)
         return self._last_parts
 
@@ -527,7 +529,7 @@ class Walker:
             StepInfo(_NAMES[move], taken, log_a) for move, taken, log_a in steps_made
         )
 
-    def _judged(self, scene: Scene, n_before: int, beta: float, least: float) -> Parts:
+    def _judged(self, scene: StateArrays, n_before: int, beta: float, least: float) -> Parts:
         """Evaluate a scene as a change from the evaluator's scene with ``n_before`` scenelets."""
         if len(scene.items) > self._capacity:
             self._capacity = 2 * len(scene.items)

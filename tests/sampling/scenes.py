@@ -14,7 +14,7 @@ from imapper_prob.samplers.reversible_jump import Mixture, Proposal
 from imapper_prob.sampling.gains import room_of
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.reference import Reference
-from imapper_prob.sampling.scene import scene_of, state_of
+from imapper_prob.sampling.scene import arrays_of, state_of
 from imapper_prob.sampling.steps import MOVES, Moves, propose, scene_moves
 from imapper_prob.sampling.visits import Visits
 
@@ -42,7 +42,7 @@ class SceneMove:
 
     def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
         number = list(MOVES).index(self.name)
-        scene, ratio = propose(self.moves, number, rng, scene_of(state))
+        scene, ratio = propose(self.moves, number, rng, arrays_of(state))
         return None if ratio == -math.inf else Proposal(state_of(scene), float(ratio))
 
 
