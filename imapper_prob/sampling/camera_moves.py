@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.sampling.image_pelvis import reproject_placements
 from imapper_prob.sampling.jit import inner
-from imapper_prob.sampling.looks import reprojected
 from imapper_prob.sampling.scene import StateArrays
 
 __all__ = ["scale_depth", "scale_focal", "walk_adapted", "walk_camera", "walk_compensated"]
@@ -64,9 +64,11 @@ def walk_camera(
 
 @inner
 def _compensated(heights: Array, scene: StateArrays, camera: Array) -> tuple[StateArrays, float]:
-    """Change the camera, and move every scenelet so that it looks the same."""
+    """Change the camera, and move every scenelet so that its pelvis has the same image."""
     everything = np.ones(len(scene.items), np.bool_)
-    placements, sizes, ratio = reprojected(heights, scene, scene.camera, camera, everything)
+    placements, sizes, ratio = reproject_placements(
+        heights, scene, scene.camera, camera, everything
+    )
     if math.isnan(ratio):
         return scene, -math.inf
     return StateArrays(camera, scene.items, placements, sizes, scene.latent), ratio
@@ -76,19 +78,19 @@ def _compensated(heights: Array, scene: StateArrays, camera: Array) -> tuple[Sta
 def walk_compensated(
     factor: Array, heights: Array, rng: np.random.Generator, scene: StateArrays
 ) -> tuple[StateArrays, float]:
-    """Move the camera by such a step, and every scenelet so that it looks the same.
+    """Move the camera by such a step, and every scenelet so that its pelvis has the same image.
 
     If the camera is tilted down, everything comes nearer, distant things most of all; moves of the
     camera alone or of all depths by one factor cannot do this. Each scenelet keeps the image of its
     pelvis and the apparent size of its person. So the Jacobian is the product, over scenelets, of
-    that of (x, y, log size) with respect to the look, new over old
-    (:mod:`imapper_prob.sampling.looks`).
+    that of (x, y, log size) with respect to the image pelvis, new over old
+    (:mod:`imapper_prob.sampling.image_pelvis`).
 
     Parameters
     ----------
     factor : (5, 5) float
     heights : (L,) float
-        :func:`imapper_prob.sampling.looks.middle_heights`.
+        :func:`imapper_prob.sampling.image_pelvis.middle_heights`.
     rng : numpy.random.Generator
     scene : StateArrays
 

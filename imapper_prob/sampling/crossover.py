@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
+from imapper_prob.sampling.image_pelvis import middle_heights, reproject_placements
 from imapper_prob.sampling.jit import compiled, inner
-from imapper_prob.sampling.looks import middle_heights, reprojected
 from imapper_prob.sampling.scene import StateArrays, arrays_of, state_of
 
 __all__ = ["TimeCrossover"]
@@ -35,8 +35,8 @@ class TimeCrossover:
 
     A block is a run of frames without a gap that are inside a scenelet of either scene. Both scenes
     together have the same blocks after the exchange, so forward and reverse proposals are equally
-    probable. Scenelets are moved so that they look the same through the other camera
-    (:mod:`imapper_prob.sampling.looks`).
+    probable. Scenelets are moved so that their pelvis has the same image in the other camera
+    (:mod:`imapper_prob.sampling.image_pelvis`).
 
     Parameters
     ----------
@@ -74,8 +74,12 @@ def _exchange(
     of_hot, of_cold = _inside(hot, begin, end), _inside(cold, begin, end)
     if not of_hot.any() and not of_cold.any():
         return hot, cold, math.nan
-    to_cold, sizes_cold, ratio_cold = reprojected(heights, hot, hot.camera, cold.camera, of_hot)
-    to_hot, sizes_hot, ratio_hot = reprojected(heights, cold, cold.camera, hot.camera, of_cold)
+    to_cold, sizes_cold, ratio_cold = reproject_placements(
+        heights, hot, hot.camera, cold.camera, of_hot
+    )
+    to_hot, sizes_hot, ratio_hot = reproject_placements(
+        heights, cold, cold.camera, hot.camera, of_cold
+    )
     new_hot = _merged(hot, ~of_hot, cold, of_cold, to_hot, sizes_hot, begin, end)
     new_cold = _merged(cold, ~of_cold, hot, of_hot, to_cold, sizes_cold, begin, end)
     return new_hot, new_cold, ratio_hot + ratio_cold

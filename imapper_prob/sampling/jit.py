@@ -25,7 +25,7 @@ _KERNELS: Final = tuple(
     for name in (
         "camera_moves",
         "crossover",
-        "looks",
+        "image_pelvis",
         "moves",
         "redraws",
         "reference",

@@ -17,8 +17,8 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import to_floor
 from imapper_prob.sampling.gains import gains_about, room_of, sequences_of, static_path
+from imapper_prob.sampling.image_pelvis import reproject_pelvis
 from imapper_prob.sampling.jit import compiled
-from imapper_prob.sampling.looks import carry
 from imapper_prob.sampling.reference import DOF, FIRST, FLUSH, GAP, Reference
 from imapper_prob.sampling.reference_density import foretell
 from imapper_prob.sampling.reference_placement import displacements, usual_offsets
@@ -359,7 +359,7 @@ def _pelvis_by_frame(
                 continue
             where[0], where[1] = x / y, math.log(y)
             where[2], where[3] = places[k, 2], sizes[k]
-            carry(height, where, cameras[k], problem.camera_mean)
+            reproject_pelvis(height, where, cameras[k], problem.camera_mean)
             sums[start + n - first, 0] += where[0]
             sums[start + n - first, 1] += where[1]
             sums[start + n - first, 2] += 1.0

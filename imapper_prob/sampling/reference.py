@@ -22,8 +22,8 @@ A scene is drawn as follows.
    before it ends continues from its last pelvis. After a gap it has a part of the displacement of
    the one before, because the error of the path persists. Yaw and size are about those of visits
    of this scenelet and of similar ones. Means are transformed to the drawn camera
-   (:mod:`imapper_prob.sampling.looks`). With a small probability the placement comes from the
-   prior.
+   (:mod:`imapper_prob.sampling.image_pelvis`). With a small probability the placement comes from
+   the prior.
 4. The latent variables of the path have their normal distribution, which the densities here do not
    include.
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.view import log_area
+from imapper_prob.sampling.image_pelvis import reproject_pelvis
 from imapper_prob.sampling.jit import compiled, inner, inner_inlined
-from imapper_prob.sampling.looks import carry
 from imapper_prob.sampling.reference import ASTRAY, FIRST, FLUSH, GAP, NONE_BEFORE, Reference, log_t
 
 __all__ = ["displacements", "expected", "leaves", "log_placement", "usual_offsets"]
@@ -50,7 +50,7 @@ def _usual(
     for i in range(4):
         where[i] += reference.habits[scenelet, last, i]
     height = reference.pelvis[scenelet, last, 2]
-    carry(height, where, reference.library_camera, camera)
+    reproject_pelvis(height, where, reference.library_camera, camera)
 
 
 @inner_inlined

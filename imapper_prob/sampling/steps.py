@@ -29,8 +29,8 @@ from imapper_prob.models.published_energy import evaluate_paper
 from imapper_prob.samplers.reversible_jump import ChainState, StepInfo
 from imapper_prob.samplers.tempering import Parts
 from imapper_prob.sampling import camera_moves, moves, redraws
+from imapper_prob.sampling.image_pelvis import middle_heights
 from imapper_prob.sampling.jit import compiled, inner
-from imapper_prob.sampling.looks import middle_heights
 from imapper_prob.sampling.reference import Reference
 from imapper_prob.sampling.reference_density import log_reference
 from imapper_prob.sampling.scene import StateArrays, arrays_of, state_of

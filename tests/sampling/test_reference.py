@@ -16,9 +16,9 @@ from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.view import to_view
+from imapper_prob.sampling.image_pelvis import place_from_image, project_pelvis
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.learning import _SHIFTS, learn
-from imapper_prob.sampling.looks import look, stand
 from imapper_prob.sampling.redraws import _draw_run, _log_run
 from imapper_prob.sampling.redraws import draw_scene as _draw_scene
 from imapper_prob.sampling.reference import ADJOINING, COMPONENTS, Reference
@@ -188,7 +188,7 @@ def test_scenelets_are_carried_as_moves_carry_them() -> None:
     pelvis[..., :2] = 0.0
     height = float(pelvis[0, 0, 2])
     state = empty_state(PROBLEM).with_item(0, 5, np.array([0.4, 4.0, 0.3]), 0.02)
-    x, y, size = stand(after, look(before, 0.4, 4.0, 0.02, height), height)
+    x, y, size = place_from_image(after, project_pelvis(before, 0.4, 4.0, 0.02, height), height)
     there, size = np.array([[x, y, 0.3]]), np.array([size])
     moved = State(after, state.items, there, size, state.latent)
     # Visited there, and hardly scattered.
