@@ -28,7 +28,7 @@ from imapper_prob.samplers.chains import Report
 from imapper_prob.sampling.jit import compiled, inner, inner_inlined
 from imapper_prob.sampling.redraws import set_placement, with_stretch
 from imapper_prob.sampling.reference import NONE_BEFORE, Reference
-from imapper_prob.sampling.reference_placement import expected, leaves
+from imapper_prob.sampling.reference_placement import end_pose, placement_centre
 from imapper_prob.sampling.scene import StateArrays, arrays_of, state_of
 from imapper_prob.sampling.steps import MOVES, Moves, Walker, log_posteriors
 
@@ -137,7 +137,7 @@ def climb(
 def _pairs(problem: Problem, state: State, first: int, last: int) -> Ints:
     """(n, 2) scenelets and starts to try instead of the scenelets from ``first`` to ``last`` - 1.
 
-    The whole library is tried, so that it adjoins the scenelet before and the one after. For an
+    The whole library is tried, flush with the scenelet before and with the one after. For an
     exchange, it is also aligned with the start and with the end of the present scenelet; for an
     insertion (``first`` equals ``last``), tried at starts every few frames.
     """
@@ -304,11 +304,11 @@ def _with(
     """A scene with a scenelet instead of some consecutive ones, at its expected placement."""
     left, before, middle = NONE_BEFORE, np.empty((2, 4)), np.empty((2, 4))
     if first > 0:
-        left = leaves(
+        left = end_pose(
             reference, scene.camera, scene.items[first - 1, 0], scene.items[first - 1, 1],
             scene.placements[first - 1], scene.sizes[first - 1], before,
         )  # fmt: skip
-    expected(reference, scene.camera, scenelet, start, left, before, middle)
+    placement_centre(reference, scene.camera, scenelet, start, left, before, middle)
     item, placement, size = np.empty((1, 2), np.int64), np.empty((1, 3)), np.empty(1)
     item[0, 0], item[0, 1], size[0] = scenelet, start, middle[0, 3]
     set_placement(reference, scene.camera, scenelet, middle[0], placement[0])

@@ -44,14 +44,14 @@ from imapper_prob.models.view import floor_point
 from imapper_prob.sampling.jit import compiled, inner
 from imapper_prob.sampling.redraws import set_placement
 from imapper_prob.sampling.reference import NONE_BEFORE, Reference
-from imapper_prob.sampling.reference_placement import expected
+from imapper_prob.sampling.reference_placement import placement_centre
 
 __all__ = [
     "Sequences",
     "expected_placement",
+    "frames_left_of",
     "gains_about",
     "gains_of",
-    "room_of",
     "sequences_of",
     "static_path",
 ]
@@ -67,7 +67,7 @@ _HOPELESS: Final = 15.0
 tenth of all remain."""
 
 
-def room_of(problem: Problem) -> Ints:
+def frames_left_of(problem: Problem) -> Ints:
     """Number of frames from each frame to the end of its person's frames.
 
     Parameters
@@ -235,17 +235,17 @@ def gains_of(problem: Problem) -> Array:
     (T, L) float
         Nats; -inf where a scenelet would extend beyond its person's frames.
     """
-    return _gains(problem, static_path(problem), room_of(problem))
+    return _gains(problem, static_path(problem), frames_left_of(problem))
 
 
 @compiled
-def _gains(problem: Problem, path: Array, room: Ints) -> Array:
+def _gains(problem: Problem, path: Array, frames_left: Ints) -> Array:
     judge, placement = _judge_of(problem), np.empty(3)
     gains = np.full((len(path), len(problem.joint_first) - 1), -math.inf)
     for scenelet in range(gains.shape[1]):
         length = problem.joint_first[scenelet + 1] - problem.joint_first[scenelet]
         for start in range(len(gains)):
-            if length <= room[start]:
+            if length <= frames_left[start]:
                 placement[0], placement[1], placement[2] = expected_placement(
                     problem, path, scenelet, start
                 )
@@ -263,7 +263,7 @@ def gains_about(problem: Problem, gains: Array, reference: Reference) -> Array:
     gains : (T, L) float
         See :func:`gains_of`; those of hopeless scenelets are kept.
     reference : Reference
-        Its mean path, yaws, size and habits are used.
+        Its mean path, yaws, size and deviations of scenelets are used.
 
     Returns
     -------
@@ -277,7 +277,7 @@ def gains_about(problem: Problem, gains: Array, reference: Reference) -> Array:
         least = gains[start].max() - _HOPELESS
         for scenelet in range(gains.shape[1]):
             if gains[start, scenelet] > least:
-                expected(reference, camera, scenelet, start, NONE_BEFORE, before, where)
+                placement_centre(reference, camera, scenelet, start, NONE_BEFORE, before, where)
                 set_placement(reference, camera, scenelet, where[0], placement)
                 anew[start, scenelet] = _gain(
                     problem, judge, scenelet, start, placement, where[0, 3]

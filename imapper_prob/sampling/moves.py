@@ -70,7 +70,7 @@ def replace_similar(
 
 @inner
 def shift(lengths: Ints, rng: np.random.Generator, scene: StateArrays) -> tuple[StateArrays, float]:
-    """Shift a scenelet by a few frames, alone or with those it adjoins without a gap.
+    """Shift a scenelet by a few frames, alone or with those it is flush with.
 
     Where one scenelet ends as the next begins, the pose jumps only once, so separating them is
     costly. Symmetric.
@@ -94,7 +94,7 @@ def shift(lengths: Ints, rng: np.random.Generator, scene: StateArrays) -> tuple[
     items = scene.items.copy()
     for k in range(first if together else index, last if together else index + 1):
         items[k, 1] += step
-    # If the shifted run adjoins others, the reverse move would shift those too: impossible.
+    # If the shifted run is flush with others, the reverse move would shift those too: impossible.
     if together and flush_run(lengths, items, index) != (first, last):
         return scene, -math.inf
     return StateArrays(scene.camera, items, scene.placements, scene.sizes, scene.latent), 0.0

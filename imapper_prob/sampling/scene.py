@@ -76,7 +76,7 @@ def state_of(arrays: StateArrays) -> State:
 
 @compiled
 def flush_run(lengths: Ints, items: Ints, index: int) -> tuple[int, int]:
-    """Range of the scenelets around one that adjoin each other without a gap.
+    """Range of the scenelets around one that are flush with each other.
 
     Parameters
     ----------

@@ -12,9 +12,9 @@ from imapper_prob.models.log_posterior import State, empty_state, evaluate, moti
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.sampling.gains import (
     expected_placement,
+    frames_left_of,
     gains_about,
     gains_of,
-    room_of,
     sequences_of,
     static_path,
 )
@@ -22,7 +22,7 @@ from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.redraws import set_placement
 from imapper_prob.sampling.reference import NONE_BEFORE, Reference
-from imapper_prob.sampling.reference_placement import expected
+from imapper_prob.sampling.reference_placement import placement_centre
 from imapper_prob.sampling.visits import Visits
 from tests.models import worlds
 from tests.sampling.scenes import random_gains
@@ -45,7 +45,7 @@ def placed_as_expected(reference: Reference, scenelet: int, start: int) -> tuple
     """Log size and placement of a scenelet that none is before."""
     placement, before, where = np.empty(3), np.empty((2, 4)), np.empty((2, 4))
     camera = reference.library_camera
-    expected(reference, camera, scenelet, start, NONE_BEFORE, before, where)
+    placement_centre(reference, camera, scenelet, start, NONE_BEFORE, before, where)
     set_placement(reference, camera, scenelet, where[0], placement)
     return where[0, 3], placement
 
@@ -73,9 +73,9 @@ def test_no_scenelet_reaches_into_the_next_persons_frames() -> None:
     starts = np.array(BARE.path_starts)
     starts[9] = True
     problem = BARE._replace(path_starts=starts)
-    gains, room = gains_of(problem), room_of(problem)
-    assert room[[0, 8, 9, N_FRAMES]].tolist() == [9, 1, N_FRAMES - 9, 0]
-    fits = problem.lengths <= room[:-1, None]
+    gains, frames_left = gains_of(problem), frames_left_of(problem)
+    assert frames_left[[0, 8, 9, N_FRAMES]].tolist() == [9, 1, N_FRAMES - 9, 0]
+    fits = problem.lengths <= frames_left[:-1, None]
     assert (np.isfinite(gains) == fits).all()
     assert (sequences_of(problem, gains).scenelets[:-1][~fits] == 0).all()
 
