@@ -30,7 +30,7 @@ from imapper_prob.sampling.redraws import set_placement, with_stretch
 from imapper_prob.sampling.reference import NONE_BEFORE, Reference
 from imapper_prob.sampling.reference_placement import end_pose, placement_centre
 from imapper_prob.sampling.scene import StateArrays, arrays_of, state_of
-from imapper_prob.sampling.steps import MOVES, Moves, Walker, log_posteriors
+from imapper_prob.sampling.steps import MOVES, Moves, SceneChain, log_posteriors
 
 __all__ = ["climb"]
 
@@ -64,7 +64,7 @@ _NEARBY: Final = (
     "shift",
     "placement",
     "camera",
-    "camera-carry",
+    "camera-compensated",
     "depth-scale",
     "focal-scale",
     "path",
@@ -289,11 +289,11 @@ def _values(
 def _nearby(problem: Problem, moves: Moves, state: State, rng: np.random.Generator) -> State:
     """The best scene of a cold chain whose moves keep the scenelets."""
     weights = moves.weights * [name in _NEARBY for name in MOVES]
-    walker = Walker(problem, moves._replace(weights=weights), state)
-    best = walker(state).at(1.0), state
+    chain = SceneChain(problem, moves._replace(weights=weights), state)
+    best = chain(state).at(1.0), state
     for _ in range(_LOOKS):
-        there = walker.advance(rng, _BETA, _STEPS // _LOOKS)[0].state
-        best = max(best, (walker(there).at(1.0), there), key=lambda found: found[0])
+        there = chain.advance(rng, _BETA, _STEPS // _LOOKS)[0].state
+        best = max(best, (chain(there).at(1.0), there), key=lambda found: found[0])
     return best[1]
 
 

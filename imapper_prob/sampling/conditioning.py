@@ -32,7 +32,7 @@ from imapper_prob.samplers.verdict import Verdict, judge
 from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.chain import Setup, tempered
 from imapper_prob.sampling.sample import Samples, functionals, sample_scenes, setup_of
-from imapper_prob.sampling.steps import Walker
+from imapper_prob.sampling.steps import SceneChain
 from imapper_prob.sampling.visits import Visits
 from imapper_prob.solver.solver import Solution
 
@@ -353,5 +353,5 @@ class _Advance:
 
     def __call__(self, rng: np.random.Generator, state: State, power: float) -> State:
         powers = np.where(self._fresh > 0, power, 1.0)
-        walker = Walker(self._problem._replace(given_power=powers), self._moves, state)
-        return walker.advance(rng, 1.0, _STEPS)[0].state
+        chain = SceneChain(self._problem._replace(given_power=powers), self._moves, state)
+        return chain.advance(rng, 1.0, _STEPS)[0].state

@@ -7,7 +7,7 @@ continued keeps the same draws as a single longer run.
   the chain becomes; temperatures are fixed afterwards.
 - *Marks* are rounds after which a draw is kept. Beyond the planned rounds they continue at the same
   spacing. Whenever there are more than twice as many as planned, every second one is dropped.
-- *Pieces* are the rounds between two opportunities to stop. Each piece begins with new walkers,
+- *Pieces* are the rounds between two opportunities to stop. Each piece begins with new evaluators,
   whose rounding errors differ from those of old ones, so a chain may end only where a piece ends.
 - *Visits* are recorded in some rounds (:mod:`imapper_prob.sampling.visits`). The reference
   (:mod:`imapper_prob.sampling.reference`) is first learnt from walks about the results of the

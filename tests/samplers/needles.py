@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import i0
 
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal
-from imapper_prob.samplers.tempering import Parts
+from imapper_prob.samplers.tempering import LogDensityParts
 
 K_MAX, MEAN, KAPPA = 4, 1.8, 1.5
 LOG_TURN = math.log(2 * math.pi)
@@ -27,12 +27,12 @@ def numbers(kappa: float) -> np.ndarray:
     return weights / weights.sum()
 
 
-def target(needles: np.ndarray, kappa: float = KAPPA) -> Parts:
+def target(needles: np.ndarray, kappa: float = KAPPA) -> LogDensityParts:
     """Density of a list of needles in some order, and of its yaws relative to the prior."""
     if len(needles) > K_MAX or not ((needles[:, 0] > 0) & (needles[:, 0] < 1)).all():
-        return Parts(-math.inf, 0.0)
+        return LogDensityParts(-math.inf, 0.0)
     prior = len(needles) * (math.log(MEAN) - LOG_TURN) - math.lgamma(len(needles) + 1)
-    return Parts(prior, kappa * float(np.cos(needles[:, 1]).sum()))
+    return LogDensityParts(prior, kappa * float(np.cos(needles[:, 1]).sum()))
 
 
 def draw(rng: np.random.Generator, kappa: float) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal
-from imapper_prob.samplers.tempering import Parts
+from imapper_prob.samplers.tempering import LogDensityParts
 
 K_MAX, NOISE, PRIOR = 3, 0.5, 1.5
 X = np.linspace(-1, 1, 12)
@@ -40,12 +40,12 @@ def exact() -> np.ndarray:
     return weights / weights.sum()
 
 
-def target(theta: np.ndarray, y: np.ndarray = Y) -> Parts:
+def target(theta: np.ndarray, y: np.ndarray = Y) -> LogDensityParts:
     """Density of theta given its length, and of y given theta, both normalised."""
     residual = (y - DESIGN[:, : len(theta)] @ theta) / NOISE
     prior = -0.5 * theta @ theta / PRIOR**2 - len(theta) * math.log(PRIOR * ROOT_TWO_PI)
     likelihood = -0.5 * residual @ residual - len(X) * math.log(NOISE * ROOT_TWO_PI)
-    return Parts(float(prior), float(likelihood))
+    return LogDensityParts(float(prior), float(likelihood))
 
 
 def log_density(theta: np.ndarray, y: np.ndarray = Y) -> float:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from imapper_prob.samplers.reversible_jump import RoundTripError, sample, step
-from imapper_prob.samplers.tempering import KernelWalker, start, temper
+from imapper_prob.samplers.tempering import KernelChain, start, temper
 from tests.samplers import needles
 from tests.samplers.frequencies import chi_square
 from tests.samplers.rounds import check_rounds
@@ -71,10 +71,10 @@ def test_the_ends_of_a_ladder_are_prior_and_posterior():
     chain = temper(
         rngs,
         start([needles.EMPTY] * len(betas), target=needles.target, betas=betas),
-        walker=partial(KernelWalker, needles.target, partial(step, mixture=needles.mixture())),
+        chain_at=partial(KernelChain, needles.target, partial(step, mixture=needles.mixture())),
         steps_per_swap=5,
     )
-    positions = [item.position for item in islice(chain, 2_000)]
+    positions = [item.state for item in islice(chain, 2_000)]
     for rung, beta in enumerate(betas):
         states = [position.chains[rung].state for position in positions]
         for name, p_value in p_values(states, beta * needles.KAPPA).items():

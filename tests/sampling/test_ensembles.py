@@ -12,7 +12,7 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.sampling import ensembles
 from imapper_prob.sampling.ensembles import QUANTITIES, describe_walked, walk_draws
-from imapper_prob.sampling.steps import Walker
+from imapper_prob.sampling.steps import SceneChain
 from tests.models import worlds
 from tests.sampling import scenes
 
@@ -32,10 +32,10 @@ def drawn(problem: Problem) -> tuple[list[State], np.ndarray]:
     states = []
     for chain in range(CHAINS):
         rng = np.random.default_rng(chain)
-        walker = Walker(problem, moves, scenes.random_state(problem, chain))
-        walker.advance(rng, 1.0, 4_000)
+        scene_chain = SceneChain(problem, moves, scenes.random_state(problem, chain))
+        scene_chain.advance(rng, 1.0, 4_000)
         for _ in range(DRAWS):
-            states.append(walker.advance(rng, 1.0, 200)[0].state)
+            states.append(scene_chain.advance(rng, 1.0, 200)[0].state)
     values = np.array([log_posterior(problem, state) for state in states])
     return states, values.reshape(CHAINS, DRAWS)
 

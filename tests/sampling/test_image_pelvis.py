@@ -20,7 +20,7 @@ from tests.models import worlds
 from tests.sampling.scenes import SceneMove, moves_of
 
 PROBLEM = worlds.problem(20)
-COMPENSATED = SceneMove(moves_of(PROBLEM), "camera-carry")
+COMPENSATED = SceneMove(moves_of(PROBLEM), "camera-compensated")
 
 
 def camera_of(seed: int) -> np.ndarray:
