@@ -73,7 +73,7 @@ class Walk:
         label, x = state
         return Proposal((label, x + rng.choice(self.scales) * rng.standard_normal()), 0.0)
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         if old[0] != new[0]:
             return -math.inf
         return math.log(sum(math.exp(log_normal(new[1] - old[1], s)) / 2 for s in self.scales))
@@ -87,7 +87,7 @@ class Relabel:
     def propose(self, rng, state):
         return Proposal((int(rng.integers(len(LABELS))), state[1]), 0.0)
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         return -math.log(len(LABELS)) if old[1] == new[1] else -math.inf
 
 

@@ -79,7 +79,7 @@ class Birth:
             np.append(PULL * theta, BORN_SCALE * u), self.jacobian * log_jacobian - log_normal(u)
         )
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         if not np.allclose(new[:-1], PULL * old):
             return -math.inf
         stretch = len(old) * math.log(PULL) + math.log(BORN_SCALE)
@@ -100,7 +100,7 @@ class Death:
             theta[:-1] / PULL, log_normal(theta[-1] / BORN_SCALE) - self.jacobian * log_jacobian
         )
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         return 0.0
 
 
@@ -112,7 +112,7 @@ class Walk:
     def propose(self, rng, theta):
         return Proposal(theta + 0.3 * rng.standard_normal(len(theta)), 0.0)
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         return float(-0.5 * np.sum(((new - old) / 0.3) ** 2))
 
 

@@ -57,7 +57,7 @@ def test_a_cold_chain_stays_on_the_island_it_started_on(rng):
     assert visited == {islands.cell(islands.START)}
 
 
-def test_every_proposal_can_be_explained_both_ways(rng):
+def test_every_ratio_is_that_of_both_directions(rng):
     hot = TemperedDensity(islands.target, 0.01)
     table = check_rounds(rng, islands.START, hot, islands.MIXTURE, n=500)
     assert all(rate > 0.1 for rate in table.rates().values())
