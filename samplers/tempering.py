@@ -39,7 +39,6 @@ from imapper_prob.samplers.reversible_jump import ChainState, StepInfo, init
 __all__ = [
     "KernelChain",
     "LogDensityParts",
-    "RungChain",
     "TemperedDensity",
     "TemperingInfo",
     "TemperingState",

@@ -46,10 +46,11 @@ _PROMISING: Final = 100
 _DRAWN: Final = 6000
 """Number of draws from which the best is taken; chosen: they take a fraction of a second."""
 _EVALUATED: Final = 4
-"""One draw in so many is counted as an evaluation, as those of another number of scenelets are not
-evaluated; chosen."""
-_STILL: Final = 1e-3
-"""Factor of the displacements of these draws, which are so at their expected placements."""
+"""Number of draws that count as one evaluation, because only draws with the wanted number of
+scenelets are evaluated; chosen."""
+_DISPLACEMENT_SCALE: Final = 1e-3
+"""Scale of the reference's displacements in these draws; so small that each scenelet lies at the
+centre of its placement."""
 _NEARLY: Final = 15.0
 """Nats by which a scene may be worse than the best one so far if it is to be optimised locally;
 chosen."""
@@ -70,7 +71,7 @@ _NEARBY: Final = (
     "path",
 )
 """Moves of the local optimisation, which keep the scenelets."""
-_BETA, _STEPS, _LOOKS = 12.0, 1200, 40
+_BETA, _STEPS, _RECORDS = 12.0, 1200, 40
 """Inverse temperature of the local optimisation, number of its steps, and how often the best scene
 is recorded; chosen: few steps go downhill, and placements converge."""
 
@@ -143,7 +144,7 @@ def _pairs(problem: Problem, state: State, first: int, last: int) -> Ints:
     """
     lengths = np.asarray(problem.lengths)
     library = np.arange(len(lengths))
-    low, high = _room(problem, state, first, last)
+    low, high = _free_frames(problem, state, first, last)
     if first < last:
         scenelet, begin = state.items[first].tolist()
         begins, ends = [begin, low], [begin + int(lengths[scenelet]), high]
@@ -156,7 +157,7 @@ def _pairs(problem: Problem, state: State, first: int, last: int) -> Ints:
     return _inside(problem, state, first, last, pairs)
 
 
-def _room(problem: Problem, state: State, first: int, last: int) -> tuple[int, int]:
+def _free_frames(problem: Problem, state: State, first: int, last: int) -> tuple[int, int]:
     """First free frame, and the frame after the last, between the neighbouring scenelets."""
     low, high = 0, problem.n_frames
     if first > 0:
@@ -168,7 +169,7 @@ def _room(problem: Problem, state: State, first: int, last: int) -> tuple[int, i
 
 
 def _inside(problem: Problem, state: State, first: int, last: int, pairs: Ints) -> Ints:
-    low, high = _room(problem, state, first, last)
+    low, high = _free_frames(problem, state, first, last)
     fits = (pairs[:, 1] >= low) & (pairs[:, 1] + problem.lengths[pairs[:, 0]] <= high)
     found: Ints = np.unique(pairs[fits], axis=0)
     return found
@@ -185,7 +186,7 @@ def _exchanged(
         return state
     reference = moves.reference
     scene = arrays_of(state)
-    evaluator = _standing(problem, scene, state.n_scenelets + 2)
+    evaluator = _evaluator_at(problem, scene, state.n_scenelets + 2)
     values = _values(evaluator, scene, _scenes_with(reference, scene, first, last, pairs))
     promising = pairs[np.argsort(-values, kind="stable")[:_PROMISING]]
     near = np.stack([np.zeros(2 * _REACH + 1, int), np.arange(-_REACH, _REACH + 1)], -1)
@@ -194,8 +195,8 @@ def _exchanged(
     return _best(evaluator, scene, changed) or state
 
 
-def _standing(problem: Problem, scene: StateArrays, capacity: int) -> Evaluator:
-    """An evaluator of up to so many scenelets whose current scene is this one."""
+def _evaluator_at(problem: Problem, scene: StateArrays, capacity: int) -> Evaluator:
+    """An evaluator for up to ``capacity`` scenelets whose current scene is this one."""
     evaluator = open_evaluator(problem, capacity)
     change(
         evaluator, NOWHERE, scene.camera, scene.latent,
@@ -219,9 +220,9 @@ def _redrawn(
     They are drawn at their expected placements, given the scenelet before.
     """
     scene = arrays_of(state)
-    still = moves.reference._replace(factors=_STILL * moves.reference.factors)
+    still = moves.reference._replace(factors=_DISPLACEMENT_SCALE * moves.reference.factors)
     drawn = _draws(still, rng, scene, first, last, number)
-    evaluator = _standing(problem, scene, state.n_scenelets + number)
+    evaluator = _evaluator_at(problem, scene, state.n_scenelets + number)
     return _best(evaluator, scene, drawn) or state
 
 
@@ -291,8 +292,8 @@ def _nearby(problem: Problem, moves: Moves, state: State, rng: np.random.Generat
     weights = moves.weights * [name in _NEARBY for name in MOVES]
     chain = SceneChain(problem, moves._replace(weights=weights), state)
     best = chain(state).at(1.0), state
-    for _ in range(_LOOKS):
-        there = chain.advance(rng, _BETA, _STEPS // _LOOKS)[0].state
+    for _ in range(_RECORDS):
+        there = chain.advance(rng, _BETA, _STEPS // _RECORDS)[0].state
         best = max(best, (chain(there).at(1.0), there), key=lambda found: found[0])
     return best[1]
 

@@ -277,7 +277,7 @@ def _advance(
 
     Each piece begins with new evaluators, like a chain that resumes from a checkpoint.
     """
-    keep, mark, learning = draws_of(settings), trace_of(settings), learning_of(settings)
+    kept, traced, learning = draws_of(settings), trace_of(settings), learning_of(settings)
     adapt = done.position.rounds < burn_in_of(settings)
     swaps = temper(
         done.rngs,
@@ -291,12 +291,12 @@ def _advance(
     for at in islice(swaps, rounds):
         coldest = at.state.chains[-1]
         done.record(at, fixed=not adapt)
-        if keep.has(done.position.rounds):
+        if kept.has(done.position.rounds):
             done.states.append(coldest.state)
             done.values.append(coldest.log_density)
-        if mark.has(done.position.rounds):
+        if traced.has(done.position.rounds):
             done.trace.append(coldest.log_density)
-        done.thin(keep.most)
+        done.thin(kept.most)
         done.position = at.state
         if learning.has(at.state.rounds):
             for beta, rung in zip(at.state.betas, at.state.chains, strict=True):
@@ -423,9 +423,10 @@ def learnt_from(setup: Setup) -> TemperedProblem:
 
 
 def first_used(count: int) -> int:
-    """Index of the first visits after the walks' that are in use once references were learnt.
+    """Index of the first visits, after those of the walks, from which references are learnt.
 
-    Earlier ones are not used by later references either.
+    A reference is learnt from the visits of the walks and from the later half of the other visits
+    recorded so far. The earlier half is not used by later references either, so it can be dropped.
 
     Parameters
     ----------

@@ -49,8 +49,9 @@ Array = NDArray[np.float64]
 _PARTICLES: Final = 64
 """Number of draws that are annealed; chosen."""
 _STEPS: Final = 120
-"""Steps of each draw at each power; chosen where the evidence is known (tests/sampling/test_told.py).
-With 60 it comes out too low by more than twice its error, with 120 by about one."""
+"""Steps of each draw at each power; chosen where the evidence is known, see
+tests/sampling/test_told.py: with 60 it comes out too low by more than twice its error, with 120 by
+about one."""
 
 
 @dataclass(frozen=True)

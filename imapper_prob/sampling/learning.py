@@ -16,7 +16,12 @@ from imapper_prob.models.kernels.placement import expected_facing
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import to_floor
-from imapper_prob.sampling.gains import frames_left_of, gains_about, sequences_of, static_path
+from imapper_prob.sampling.gains import (
+    frames_left_of,
+    gains_about,
+    sequences_of,
+    static_pelvis_on_floor,
+)
 from imapper_prob.sampling.image_pelvis import reproject_pelvis
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.reference import DOF, FIRST, FLUSH, GAP, Reference
@@ -418,7 +423,7 @@ def _expectations(problem: Problem, visits: Visits) -> tuple[Array, Array]:
     scenelet, start = items.T
     cameras = np.repeat(visited["cameras"], visited["counts"], axis=0)
     sums = _pelvis_by_frame(problem, cameras, items, places, sizes)
-    static = static_path(problem)
+    static = static_pelvis_on_floor(problem)
     path = static + _smoothed(sums[:, :2] - static * sums[:, 2:], sums[:, 2])
     yaws = np.zeros((problem.n_frames, len(problem.lengths)))
     _expected_yaws(problem, frames_left_of(problem), yaws)
