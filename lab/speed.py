@@ -71,7 +71,7 @@ from imapper_prob.sampling.chain import run_chain
 from imapper_prob.sampling.gains import gains_of
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.sample import setup_of
-from imapper_prob.sampling.steps import MOVES, Walker, scene_moves
+from imapper_prob.sampling.steps import MOVES, SceneChain, scene_moves
 from imapper_prob.sampling.visits import Visits
 from imapper_prob.scenelets.build import build_library_from
 from imapper_prob.scenelets.captures import Capture
@@ -367,9 +367,9 @@ def step_figures(world: World, seconds: float) -> dict[str, float]:
         """The fastest of short chains from the same state, which they hardly leave."""
         rng, best, until = np.random.default_rng(0), np.inf, time.perf_counter() + seconds
         while time.perf_counter() < until:
-            walker = Walker(problem, moves._replace(weights=weights), world.state)
+            chain = SceneChain(problem, moves._replace(weights=weights), world.state)
             start = time.perf_counter()
-            walker.advance(rng, 1.0, STEPS)
+            chain.advance(rng, 1.0, STEPS)
             best = min(best, time.perf_counter() - start)
         return STEPS / best
 

@@ -177,7 +177,8 @@ class Problem(NamedTuple):
     given_rows : (R, 4) float
         Rows of lists: corners (m), frames with depths (m), or boxes in the image (px).
     given_power : (G,) float
-        Power to which each statement counts: 1, or less on a bridge from a posterior without it.
+        Power to which each statement counts: 1, or less while draws are annealed from a posterior
+        without it.
     """
 
     fx: float

@@ -109,10 +109,10 @@ class _Job(NamedTuple):
     seed: np.random.SeedSequence
 
 
-class _Parcelled(NamedTuple):
+class _SentJob(NamedTuple):
     """A job, and the file that holds its task and problem."""
 
-    parcel: Path
+    shared_input: Path
     job: _Job
 
 
@@ -222,7 +222,7 @@ def _run(task: Task[P, X, R], problem: P, job: _Job, report: Report) -> R:
         raise
 
 
-def _unheard(progress: object = None, /) -> bool:
+def _no_report(progress: object = None, /) -> bool:
     return True
 
 
@@ -231,7 +231,7 @@ def _run_elsewhere(
 ) -> list[R]:
     futures: list[Future[R]] = []
     try:
-        futures += [executor.submit(_run, task, problem, job, _unheard) for job in jobs]
+        futures += [executor.submit(_run, task, problem, job, _no_report) for job in jobs]
         wait(futures, return_when=FIRST_EXCEPTION)
         # Finished futures come first, so that an error is raised without waiting for other chains.
         for future in sorted(futures, key=lambda future: not future.done()):
@@ -344,12 +344,12 @@ class Workers:
         self._shared.stop.value = False
         with (
             first_interrupt_sets(self._shared.stop),
-            _parcel((task, problem), scratch) as parcel,
+            _shared_input((task, problem), scratch) as shared_input,
         ):
             try:
                 with _environment(_ONE_THREAD):
                     futures: list[Future[R]] = [
-                        pool.submit(_run_in_worker, _Parcelled(parcel, job)) for job in jobs
+                        pool.submit(_run_in_worker, _SentJob(shared_input, job)) for job in jobs
                     ]
                     # A pool notices that a process died only among those it had when it last got a
                     # job, and it starts another process only after that check. Hence an empty job.
@@ -383,7 +383,7 @@ class Workers:
     def _dead(self) -> ChainError:
         self._close()
         # Exit codes are known only after the pool has joined all its processes.
-        return ChainError(_obituary(self._shared.pids, self._started))
+        return ChainError(_dead_workers_message(self._shared.pids, self._started))
 
     def _close(self) -> None:
         if self._pool is not None:
@@ -392,7 +392,7 @@ class Workers:
 
 
 @contextmanager
-def _parcel(contents: object, scratch: Path | None) -> Iterator[Path]:
+def _shared_input(contents: object, scratch: Path | None) -> Iterator[Path]:
     """Write what all workers need to a temporary file, which each process reads once.
 
     Arguments of a new process pass through a pipe, and the next process is started only after the
@@ -419,7 +419,7 @@ def _await(futures: Sequence[Future[R]], shared: _Shared, on_progress: OnProgres
                 shared.stop.value = True
 
 
-# State of this worker process: what `_initialise` stored, and the parcel that was read last. A
+# State of this worker process: what `_initialise` stored, and the input that was read last. A
 # pool has no other way to send something once per process instead of once per job.
 _shared: _Shared
 _opened: tuple[Path, Task[Any, Any, Any], Any] | None = None
@@ -445,13 +445,13 @@ def _nothing() -> None:
     """A job that does nothing."""
 
 
-def _run_in_worker(sent: _Parcelled) -> Any:
+def _run_in_worker(sent: _SentJob) -> Any:
     global _opened
-    parcel, job = sent
-    if _opened is None or _opened[0] != parcel:
+    path, job = sent.shared_input, sent.job
+    if _opened is None or _opened[0] != path:
         try:
-            with parcel.open("rb") as file:
-                _opened = (parcel, *pickle.load(file))
+            with path.open("rb") as file:
+                _opened = (path, *pickle.load(file))
         except Exception as error:
             raise ChainError(
                 f"chain {job.chain}: its process could not begin ({error}): can it import the "
@@ -473,7 +473,7 @@ def _run_in_worker(sent: _Parcelled) -> Any:
         _shared.pids[job.chain] = 0
 
 
-def _obituary(pids: Sequence[int], processes: set[BaseProcess]) -> str:
+def _dead_workers_message(pids: Sequence[int], processes: set[BaseProcess]) -> str:
     """Message that names the chains whose process died; the pool ends all others by SIGTERM."""
     codes = {process.pid: process.exitcode for process in processes}
     running = {chain: codes.get(pid) for chain, pid in enumerate(pids) if pid}

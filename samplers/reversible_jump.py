@@ -19,7 +19,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import Generic, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -29,7 +29,6 @@ __all__ = [
     "Mixture",
     "Move",
     "Proposal",
-    "RoundTripError",
     "StepInfo",
     "init",
     "sample",
@@ -37,10 +36,6 @@ __all__ = [
 ]
 
 S = TypeVar("S")
-
-# Log densities are sums of up to about 1e5 doubles: 1e-8 is far above their rounding error and far
-# below any factor that could be missing.
-_ROUND_TRIP_TOLERANCE = 1e-8
 
 
 class Proposal(NamedTuple, Generic[S]):
@@ -91,22 +86,6 @@ class Move(Protocol[S]):
         """
 
 
-@runtime_checkable
-class ExplainableMove(Move[S], Protocol[S]):
-    """A move that can evaluate its proposal density between two given states."""
-
-    def explain(self, old: S, new: S, /) -> float:
-        """Log density of proposing ``new`` from ``old``; -inf if it is never proposed.
-
-        Densities of both directions refer to the same coordinates of ``old`` and ``new``, so their
-        difference contains the Jacobian.
-        """
-
-
-class RoundTripError(AssertionError):
-    """The ratio of a proposal differs from the one that both directions, evaluated alone, give."""
-
-
 @dataclass(frozen=True)
 class Mixture(Generic[S]):
     """A mixture of moves, each chosen with the same probability in every state.
@@ -126,7 +105,6 @@ class Mixture(Generic[S]):
 
     moves: Sequence[Move[S]]
     weights: Sequence[float]
-    _by_name: dict[str, Move[S]] = field(init=False, repr=False)
     _cumulative: list[float] = field(init=False, repr=False)
     _log_choice_ratio: dict[str, float] = field(init=False, repr=False)
 
@@ -152,7 +130,6 @@ class Mixture(Generic[S]):
             name: math.log(weight_of[move.reverse]) - math.log(weight_of[name])
             for name, move in by_name.items()
         }
-        object.__setattr__(self, "_by_name", by_name)
         object.__setattr__(self, "_cumulative", cumulative)
         object.__setattr__(self, "_log_choice_ratio", ratios)
 
@@ -168,19 +145,6 @@ class Mixture(Generic[S]):
         Move
         """
         return self.moves[bisect_right(self._cumulative, rng.random())]
-
-    def reverse_of(self, move: Move[S]) -> Move[S]:
-        """The inverse of a move.
-
-        Parameters
-        ----------
-        move : Move
-
-        Returns
-        -------
-        Move
-        """
-        return self._by_name[move.reverse]
 
     def log_choice_ratio(self, move: Move[S]) -> float:
         """log P(reverse is chosen) - log P(move is chosen).
@@ -258,7 +222,6 @@ def step(
     *,
     log_density_fn: Callable[[S], float],
     mixture: Mixture[S],
-    check: bool = False,
 ) -> tuple[ChainState[S], StepInfo]:
     """Make one Metropolis-Hastings-Green step.
 
@@ -269,8 +232,6 @@ def step(
     log_density_fn : callable
         Log density of the target up to a constant; -inf outside its support.
     mixture : Mixture
-    check : bool
-        Compare the ratio of every proposal with both directions, for moves that have ``explain``.
 
     Returns
     -------
@@ -281,15 +242,11 @@ def step(
     ------
     FloatingPointError
         A log density or ratio is NaN or +inf; the message names the move.
-    RoundTripError
-        ``check`` found a wrong ratio.
     """
     move = mixture.choose(rng)
     proposal = move.propose(rng, chain_state.state)
     if proposal is None:
         return chain_state, StepInfo(move.name, False, -math.inf)
-    if check:
-        _check_round_trip(move, mixture.reverse_of(move), chain_state.state, proposal)
     proposed = ChainState(proposal.state, float(log_density_fn(proposal.state)))
     for what, value in (("log ratio", proposal.log_ratio), ("log density", proposed.log_density)):
         if math.isnan(value) or value == math.inf:
@@ -307,25 +264,6 @@ def step(
     return (proposed if accepted else chain_state), info
 
 
-def _check_round_trip(move: Move[S], reverse: Move[S], old: S, proposal: Proposal[S]) -> None:
-    if not (isinstance(move, ExplainableMove) and isinstance(reverse, ExplainableMove)):
-        return
-    forward = move.explain(old, proposal.state)
-    backward = reverse.explain(proposal.state, old)
-    # A proposal that was made must have positive density; the reverse density may be 0.
-    if forward == -math.inf or not math.isclose(
-        proposal.log_ratio,
-        backward - forward,
-        rel_tol=_ROUND_TRIP_TOLERANCE,
-        abs_tol=_ROUND_TRIP_TOLERANCE,
-    ):
-        raise RoundTripError(
-            f"move '{move.name}' gives the log ratio {proposal.log_ratio:.12g}, but "
-            f"'{reverse.name}' explains the way back with {backward:.12g} and "
-            f"'{move.name}' the way there with {forward:.12g}"
-        )
-
-
 # ------------------------------------------------------------------------------------------------
 # Chains are generators; the caller decides about stopping and thinning.
 
@@ -336,7 +274,6 @@ def sample(
     *,
     log_density_fn: Callable[[S], float],
     mixture: Mixture[S],
-    check: bool = False,
 ) -> Iterator[tuple[ChainState[S], StepInfo]]:
     """Yield an endless chain from ``state``, one item per proposal.
 
@@ -348,8 +285,6 @@ def sample(
     log_density_fn : callable
         Log density of the target up to a constant; -inf outside its support.
     mixture : Mixture
-    check : bool
-        Check every proposal's ratio, see `imapper_prob.samplers.reversible_jump.step`.
 
     Returns
     -------
@@ -366,7 +301,7 @@ def sample(
     >>> chain = sample(rng, start, log_density_fn=target, mixture=mixture)  # doctest: +SKIP
     >>> draws = [at.state for at, info in islice(chain, 0, 10_000, 10)]  # doctest: +SKIP
     """
-    return _steps(rng, init(log_density_fn, state), log_density_fn, mixture, check)
+    return _steps(rng, init(log_density_fn, state), log_density_fn, mixture)
 
 
 def _steps(
@@ -374,12 +309,9 @@ def _steps(
     chain_state: ChainState[S],
     log_density_fn: Callable[[S], float],
     mixture: Mixture[S],
-    check: bool,
 ) -> Iterator[tuple[ChainState[S], StepInfo]]:
     while True:
-        chain_state, info = step(
-            rng, chain_state, log_density_fn=log_density_fn, mixture=mixture, check=check
-        )
+        chain_state, info = step(rng, chain_state, log_density_fn=log_density_fn, mixture=mixture)
         yield chain_state, info
 
 

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.samplers.diagnostics import ShortChainWarning, mean_error
 
-__all__ = ["Reweighted", "bridge", "families_of", "resample", "reweigh"]
+__all__ = ["Reweighted", "anneal", "families_of", "resample", "reweigh"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -39,9 +39,9 @@ S = TypeVar("S")
 # largest error of the log ratio, nats. The error is limited too, because the draws with weight may
 # all come from one stretch in which a chain hardly moved. Chosen values.
 _ENOUGH, _SHARE, _ERROR = 100.0, 0.25, 0.3
-# Effective share of the draws after each step of a bridge; the usual choice.
+# Effective share of the draws after each step of annealing; the usual choice.
 _KEPT = 0.5
-# Parts of each chain that are treated as independent in the error of a bridge.
+# Parts of each chain that are treated as independent in the error of annealed draws.
 _PARTS = 4
 
 
@@ -123,7 +123,7 @@ def resample(weights: ArrayLike, count: int, rng: np.random.Generator) -> Ints:
 
 
 @dataclass(frozen=True)
-class Bridged(Generic[S]):
+class Annealed(Generic[S]):
     """Draws of the density with the factor, after annealing.
 
     Parameters
@@ -155,7 +155,7 @@ def families_of(n_chains: int, n_draws: int) -> Ints:
     return (np.arange(n_chains)[:, None] * _PARTS + part).ravel().astype(np.int64)
 
 
-def bridge(
+def anneal(
     rng: np.random.Generator,
     states: Sequence[S],
     families: ArrayLike,
@@ -163,8 +163,8 @@ def bridge(
     log_factor: Callable[[S], float],
     advance: Callable[[np.random.Generator, S, float], S],
     on_power: Callable[[float], None] | None = None,
-) -> Bridged[S]:
-    """Anneal draws of a density to the same density times a factor.
+) -> Annealed[S]:
+    """Anneal draws of a density to the same density times a factor (annealed SMC).
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def bridge(
 
     Returns
     -------
-    Bridged
+    Annealed
     """
     states, count = list(states), len(states)
     _, family = np.unique(np.asarray(families), return_inverse=True)
@@ -206,7 +206,7 @@ def bridge(
         factor = np.array([log_factor(s) for s in states])
         if on_power is not None:
             on_power(power)
-    return Bridged(tuple(states), total, _family_error(shares, count, steps))
+    return Annealed(tuple(states), total, _family_error(shares, count, steps))
 
 
 def _next_step(log_factor: Array, most: float) -> float:

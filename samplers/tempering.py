@@ -37,12 +37,11 @@ from imapper_prob.samplers.ladder import respaced, thinned_betas
 from imapper_prob.samplers.reversible_jump import ChainState, StepInfo, init
 
 __all__ = [
-    "KernelWalker",
-    "Parts",
-    "Tempered",
+    "KernelChain",
+    "LogDensityParts",
+    "TemperedDensity",
     "TemperingInfo",
     "TemperingState",
-    "Walker",
     "start",
     "temper",
     "thinned",
@@ -57,7 +56,7 @@ _TRIES = 100
 """Draws from the prior that are tried to find one with nonzero likelihood; a chosen number."""
 
 
-class Parts(NamedTuple):
+class LogDensityParts(NamedTuple):
     """A log density as log prior and log likelihood.
 
     Parameters
@@ -88,10 +87,10 @@ class Parts(NamedTuple):
         return self.log_prior + beta * self.log_likelihood
 
 
-Target = Callable[[S], Parts]
+Target = Callable[[S], LogDensityParts]
 
 
-class Walker(Protocol[S]):
+class RungChain(Protocol[S]):
     """A chain on one rung; it may cache its state, so that a proposal costs only what it changes.
 
     Parameters
@@ -100,19 +99,19 @@ class Walker(Protocol[S]):
         The constructor is that of the class.
     """
 
-    def __call__(self, state: S, beta: float = 0.0, least: float = -math.inf, /) -> Parts:
+    def __call__(self, state: S, beta: float = 0.0, least: float = -math.inf, /) -> LogDensityParts:
         """Evaluate the log density of a state without moving the chain.
 
         Parameters
         ----------
         state : S
         beta, least : float
-            A walker may end early, with a log density of -inf, if the log density at this inverse
-            temperature is less.
+            The evaluation may end early, with a log density of -inf, if the log density at this
+            inverse temperature is less.
 
         Returns
         -------
-        Parts
+        LogDensityParts
         """
 
     def move(self, state: S, /) -> None:
@@ -144,13 +143,13 @@ class Walker(Protocol[S]):
 
 
 @dataclass(frozen=True)
-class Tempered(Generic[S]):
+class TemperedDensity(Generic[S]):
     """The log density of one rung, for kernels that do not handle temperatures.
 
     Parameters
     ----------
     target : callable
-        ``target(state) -> Parts``.
+        ``target(state) -> LogDensityParts``.
     beta : float
         Inverse temperature.
     """
@@ -220,7 +219,7 @@ class TemperingInfo(NamedTuple, Generic[S]):
 
     Parameters
     ----------
-    position : TemperingState
+    state : TemperingState
         State after the round.
     steps : tuple of K tuples of StepInfo
         Record of the steps on each rung.
@@ -230,7 +229,7 @@ class TemperingInfo(NamedTuple, Generic[S]):
         Crossovers that were tried, from hot to cold; empty without a crossover.
     """
 
-    position: TemperingState[S]
+    state: TemperingState[S]
     steps: tuple[tuple[StepInfo, ...], ...]
     swap_acceptance: tuple[float, ...]
     crossovers: tuple[StepInfo, ...] = ()
@@ -243,7 +242,7 @@ def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> 
     ----------
     states : sequence of K S
     target : callable
-        ``target(state) -> Parts``.
+        ``target(state) -> LogDensityParts``.
     betas : sequence of K float
         Inverse temperatures, ascending from 0 or more to 1.
 
@@ -266,13 +265,14 @@ def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> 
     if len(states) != len(betas):
         raise ValueError(f"{len(states)} states for {len(betas)} rungs")
     chains = tuple(
-        init(Tempered(target, beta), state) for state, beta in zip(states, betas, strict=True)
+        init(TemperedDensity(target, beta), state)
+        for state, beta in zip(states, betas, strict=True)
     )
     likelihoods = tuple(target(state).log_likelihood for state in states)
     return TemperingState(betas, chains, likelihoods, tuple(range(len(betas))), 0)
 
 
-def thinned(position: TemperingState[S], rungs: int) -> TemperingState[S]:
+def thinned(state: TemperingState[S], rungs: int) -> TemperingState[S]:
     """A ladder with fewer rungs between the same ends; the others are dropped.
 
     Each rung keeps the state of the nearest old one, whose log density is that of the new inverse
@@ -280,7 +280,7 @@ def thinned(position: TemperingState[S], rungs: int) -> TemperingState[S]:
 
     Parameters
     ----------
-    position : TemperingState
+    state : TemperingState
     rungs : int
         From 2 to the present number.
 
@@ -293,13 +293,13 @@ def thinned(position: TemperingState[S], rungs: int) -> TemperingState[S]:
     ValueError
         The number of rungs is out of range.
     """
-    kept, betas = thinned_betas(position.betas, rungs)
-    likelihoods = tuple(position.log_likelihoods[k] for k in kept)
-    return position._replace(
+    kept, betas = thinned_betas(state.betas, rungs)
+    likelihoods = tuple(state.log_likelihoods[k] for k in kept)
+    return state._replace(
         betas=betas,
         chains=tuple(
-            position.chains[k]._replace(
-                log_density=position.chains[k].log_density + (beta - position.betas[k]) * likelihood
+            state.chains[k]._replace(
+                log_density=state.chains[k].log_density + (beta - state.betas[k]) * likelihood
             )
             for k, beta, likelihood in zip(kept, betas, likelihoods, strict=True)
         ),
@@ -310,9 +310,9 @@ def thinned(position: TemperingState[S], rungs: int) -> TemperingState[S]:
 
 def temper(
     rngs: Sequence[np.random.Generator],
-    position: TemperingState[S],
+    state: TemperingState[S],
     *,
-    walker: Callable[[S], Walker[S]],
+    chain_at: Callable[[S], RungChain[S]],
     steps_per_swap: int,
     adapt: bool = False,
     crossover: Crossover[S] | None = None,
@@ -324,16 +324,16 @@ def temper(
     ----------
     rngs : sequence of K + 1 numpy.random.Generator
         One for each rung and one for swaps, such as ``rng.spawn(K + 1)``.
-    position : TemperingState
-        From `start`, or the last position of an earlier chain; it is not yielded.
-    walker : callable
-        ``walker(state) -> Walker`` makes the walker of a rung at ``state``, such as
-        ``functools.partial(KernelWalker, target, kernel)``.
+    state : TemperingState
+        From `start`, or the last state of an earlier chain; it is not yielded.
+    chain_at : callable
+        ``chain_at(state) -> RungChain`` makes the chain of a rung at ``state``, such as
+        ``functools.partial(KernelChain, target, kernel)``.
     steps_per_swap : int
         Proposals on each rung between two rounds of swaps.
     adapt : bool
         Adapt the inverse temperatures towards equal swap rates. An adapting chain does not leave
-        its target invariant: adapt during burn-in, then continue from the last position without
+        its target invariant: adapt during burn-in, then continue from the last state without
         adaptation.
     crossover : Crossover, optional
         Exchanges parts of states across every second gap, before the swaps.
@@ -350,27 +350,27 @@ def temper(
     >>> burn_in = temper(rngs, start(...), adapt=True, ...)  # doctest: +SKIP
     >>> *_, last = islice(burn_in, 200)  # doctest: +SKIP
     >>> draws = [
-    ...     item.position.chains[-1].state
-    ...     for item in islice(temper(rngs, last.position, ...), 1_000)
+    ...     item.state.chains[-1].state
+    ...     for item in islice(temper(rngs, last.state, ...), 1_000)
     ... ]  # doctest: +SKIP
     """
-    if len(rngs) != len(position.betas) + 1:
-        raise ValueError(f"{len(rngs)} generators for {len(position.betas)} rungs and the swaps")
+    if len(rngs) != len(state.betas) + 1:
+        raise ValueError(f"{len(rngs)} generators for {len(state.betas)} rungs and the swaps")
     if steps_per_swap < 1:
         raise ValueError(f"steps_per_swap must be at least 1, not {steps_per_swap}")
-    walkers = [walker(chain.state) for chain in position.chains]
-    return _rounds(rngs, position, walkers, steps_per_swap, adapt, crossover, independent)
+    rung_chains = [chain_at(chain.state) for chain in state.chains]
+    return _rounds(rngs, state, rung_chains, steps_per_swap, adapt, crossover, independent)
 
 
-class KernelWalker(Generic[S]):
-    """A walker made of a kernel and a target, without a cache.
+class KernelChain(Generic[S]):
+    """A chain made of a kernel and a target, without a cache.
 
-    Tests temper reference kernels with it; the program's chains have a compiled walker.
+    Tests temper reference kernels with it; the program's chains are compiled.
 
     Parameters
     ----------
     target : callable
-        ``target(state) -> Parts``.
+        ``target(state) -> LogDensityParts``.
     kernel : Kernel
     state : S
         State of the chain.
@@ -379,7 +379,7 @@ class KernelWalker(Generic[S]):
     def __init__(self, target: Target[S], kernel: Kernel[S], state: S) -> None:
         self._target, self._kernel, self._state = target, kernel, state
 
-    def __call__(self, state: S, beta: float = 0.0, least: float = -math.inf) -> Parts:
+    def __call__(self, state: S, beta: float = 0.0, least: float = -math.inf) -> LogDensityParts:
         """Evaluate the log density of ``state``, whatever is needed."""
         return self._target(state)
 
@@ -410,7 +410,7 @@ class KernelWalker(Generic[S]):
         tuple of StepInfo
             Record of each step.
         """
-        density, infos = Tempered(self._target, beta), []
+        density, infos = TemperedDensity(self._target, beta), []
         at = ChainState(self._state, density(self._state))
         for _ in range(steps):
             at, info = self._kernel(rng, at, log_density_fn=density)
@@ -421,8 +421,8 @@ class KernelWalker(Generic[S]):
 
 def _rounds(
     rngs: Sequence[np.random.Generator],
-    position: TemperingState[S],
-    walkers: list[Walker[S]],
+    state: TemperingState[S],
+    rung_chains: list[RungChain[S]],
     steps_per_swap: int,
     adapt: bool,
     crossover: Crossover[S] | None,
@@ -432,54 +432,56 @@ def _rounds(
     while True:
         chains: list[ChainState[S]] = []
         steps: list[tuple[StepInfo, ...]] = []
-        for rng, chain, beta, walker in zip(
-            rung_rngs, position.chains, position.betas, walkers, strict=True
+        for rng, chain, beta, rung_chain in zip(
+            rung_rngs, state.chains, state.betas, rung_chains, strict=True
         ):
             if beta == 0 and independent is not None:
-                chain, info = _drawn(rng, chain, independent, walker)
+                chain, info = _drawn(rng, chain, independent, rung_chain)
                 infos: tuple[StepInfo, ...] = (info,)
             else:
-                chain, infos = walker.advance(rng, beta, steps_per_swap)
+                chain, infos = rung_chain.advance(rng, beta, steps_per_swap)
             chains.append(chain)
             steps.append(infos)
         crossed = []
         if crossover is not None:
             # Crossovers use the gaps that do not swap in this round.
-            for gap in range(1 - position.rounds % 2, len(chains) - 1, 2):
+            for gap in range(1 - state.rounds % 2, len(chains) - 1, 2):
                 pair = slice(gap, gap + 2)
                 chains[pair], info = _crossed(
-                    swap_rng, chains[pair], walkers[pair], position.betas[pair], crossover
+                    swap_rng, chains[pair], rung_chains[pair], state.betas[pair], crossover
                 )
                 crossed.append(info)
-        parts = [walker(chain.state) for walker, chain in zip(walkers, chains, strict=True)]
-        rungs = zip(parts, position.betas, strict=True)
+        parts = [
+            rung_chain(chain.state) for rung_chain, chain in zip(rung_chains, chains, strict=True)
+        ]
+        rungs = zip(parts, state.betas, strict=True)
         acceptance = tuple(
             math.exp(min(0.0, _log_swap_ratio(hot, cold))) for hot, cold in pairwise(rungs)
         )
-        order = _swapped(swap_rng, acceptance, odd=position.rounds % 2)
-        walkers = [walkers[i] for i in order]
-        betas = position.betas
+        order = _swapped(swap_rng, acceptance, odd=state.rounds % 2)
+        rung_chains = [rung_chains[i] for i in order]
+        betas = state.betas
         if adapt:
-            gain = (position.rounds + 1) ** -_ADAPTATION_DECAY
+            gain = (state.rounds + 1) ** -_ADAPTATION_DECAY
             betas = respaced(betas, acceptance, gain=gain)
-        position = TemperingState(
+        state = TemperingState(
             betas=betas,
             chains=tuple(
                 ChainState(chains[i].state, parts[i].at(beta))
                 for i, beta in zip(order, betas, strict=True)
             ),
             log_likelihoods=tuple(parts[i].log_likelihood for i in order),
-            replicas=tuple(position.replicas[i] for i in order),
-            rounds=position.rounds + 1,
+            replicas=tuple(state.replicas[i] for i in order),
+            rounds=state.rounds + 1,
         )
-        yield TemperingInfo(position, tuple(steps), acceptance, tuple(crossed))
+        yield TemperingInfo(state, tuple(steps), acceptance, tuple(crossed))
 
 
 def _drawn(
     rng: np.random.Generator,
     chain: ChainState[S],
     independent: Callable[[np.random.Generator], S],
-    walker: Walker[S],
+    rung_chain: RungChain[S],
 ) -> tuple[ChainState[S], StepInfo]:
     """Draw from the prior until the likelihood is nonzero.
 
@@ -488,9 +490,9 @@ def _drawn(
     """
     for _ in range(_TRIES):
         state = independent(rng)
-        parts = walker(state)
+        parts = rung_chain(state)
         if math.isfinite(parts.log_prior) and math.isfinite(parts.log_likelihood):
-            walker.move(state)
+            rung_chain.move(state)
             return ChainState(state, parts.log_prior), StepInfo("independent", True, 0.0)
     return chain, StepInfo("independent", False, -math.inf)
 
@@ -498,7 +500,7 @@ def _drawn(
 def _crossed(
     rng: np.random.Generator,
     pair: Sequence[ChainState[S]],
-    walkers: Sequence[Walker[S]],
+    rung_chains: Sequence[RungChain[S]],
     betas: Sequence[float],
     crossover: Crossover[S],
 ) -> tuple[list[ChainState[S]], StepInfo]:
@@ -510,19 +512,21 @@ def _crossed(
     lowest, before = -rng.standard_exponential(), sum(chain.log_density for chain in pair)
     # The colder state first, because it decides more often; the other needs to be no better than
     # the exchange requires.
-    cold = walkers[1](states[1]).at(betas[1])
+    cold = rung_chains[1](states[1]).at(betas[1])
     least = lowest - log_ratio + before - cold
-    hot = walkers[0](states[0], betas[0], least).at(betas[0]) if cold > -math.inf else -math.inf
+    hot = rung_chains[0](states[0], betas[0], least).at(betas[0]) if cold > -math.inf else -math.inf
     log_acceptance = min(0.0, hot + cold - before + log_ratio)
     accepted = bool(log_acceptance > lowest)
     new = [ChainState(states[0], hot), ChainState(states[1], cold)]
     if accepted:
-        for chain, walker in zip(new, walkers, strict=True):
-            walker.move(chain.state)
+        for chain, rung_chain in zip(new, rung_chains, strict=True):
+            rung_chain.move(chain.state)
     return (new if accepted else list(pair)), StepInfo("crossover", accepted, log_acceptance)
 
 
-def _log_swap_ratio(hot: tuple[Parts, float], cold: tuple[Parts, float]) -> float:
+def _log_swap_ratio(
+    hot: tuple[LogDensityParts, float], cold: tuple[LogDensityParts, float]
+) -> float:
     """Log ratio of the joint density after and before a swap; the priors cancel."""
     return (cold[1] - hot[1]) * (hot[0].log_likelihood - cold[0].log_likelihood)
 

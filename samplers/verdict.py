@@ -17,9 +17,9 @@ __all__ = ["Measures", "Verdict", "judge", "measure", "rounded_up", "worse"]
 # Limits of R-hat and of effective draws by Vehtari et al. 2021 (100 for each of four chains).
 _RHAT_LIMIT = 1.01
 _DRAWS_GOAL = 400.0
-# Layouts with a share outside these limits are as good as excluded or certain: their error is small
-# whatever the effective number of draws.
-_OPEN = (0.05, 0.95)
+# Layouts with a probability within these limits are undecided. Others are as good as excluded or
+# certain: their error is small whatever the effective number of draws.
+_UNDECIDED = (0.05, 0.95)
 # The effective number of draws is itself uncertain. With this factor, four in five runs that are
 # extended by the recommended number of draws reach the goal.
 _MARGIN = 1.5
@@ -109,7 +109,7 @@ def measure(layouts: LayoutProbabilities, functionals: Mapping[str, ArrayLike]) 
         for layout, share, draws in zip(
             layouts.layouts, layouts.probability, layouts.effective_draws, strict=True
         )
-        if _OPEN[0] <= share <= _OPEN[1]
+        if _UNDECIDED[0] <= share <= _UNDECIDED[1]
     ]
     effective = [(_known(ess(draws), 0.0), name) for name, draws in functionals.items()]
     found = {name: float(np.asarray(rhat(draws))) for name, draws in functionals.items()}

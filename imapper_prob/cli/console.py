@@ -21,7 +21,7 @@ __all__ = [
     "Stopped",
     "Terminated",
     "console",
-    "last_words",
+    "interrupt_message",
     "print_lines",
     "printable",
     "progress_bars",
@@ -182,7 +182,7 @@ def stoppable() -> Iterator[None]:
         sys.unraisablehook = unraisable
 
 
-def last_words(error: KeyboardInterrupt, options: argparse.Namespace) -> tuple[str, int]:
+def interrupt_message(error: KeyboardInterrupt, options: argparse.Namespace) -> tuple[str, int]:
     """Final message and exit code of an interrupted command.
 
     Parameters

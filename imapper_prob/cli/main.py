@@ -13,7 +13,7 @@ import imapper_prob
 from imapper_prob.cli.ask import add_ask_command
 from imapper_prob.cli.clips import add_detect_command, add_track_command
 from imapper_prob.cli.completion import add_completion_command
-from imapper_prob.cli.console import last_words, stoppable, told
+from imapper_prob.cli.console import interrupt_message, stoppable, told
 from imapper_prob.cli.evaluate_options import add_evaluate_command
 from imapper_prob.cli.export import add_export_commands, add_recording_commands
 from imapper_prob.cli.parser import Parser, examples
@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stderr.write(f"imapper-prob: {readable(said)}\n")
             return 2
         except KeyboardInterrupt as error:
-            words, code = last_words(error, options)
+            words, code = interrupt_message(error, options)
             sys.stderr.write(f"imapper-prob: {words}\n")
             return code
     return 0

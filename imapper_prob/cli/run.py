@@ -376,7 +376,7 @@ def _sample(
 def _show(posterior: Posterior, folder: Path) -> None:
     from imapper_prob.cli.console import console
     from imapper_prob.results.report_text import sides_of
-    from imapper_prob.sampling.ensembles import describe_walked
+    from imapper_prob.sampling.ensembles import describe_refinement
     from imapper_prob.uncertainty.summary import (
         check_table,
         object_rows,
@@ -394,7 +394,7 @@ def _show(posterior: Posterior, folder: Path) -> None:
     out.print(posterior.chain_verdict)
     if posterior.told is not None:
         out.print(posterior.told.text)
-    out.print(describe_walked(posterior.samples.walked))
+    out.print(describe_refinement(posterior.samples.walked))
     if not posterior.samples.finished:
         out.print("Interrupted: these are the draws that there were.")
     command = shlex.join(["imapper-prob", "view", str(folder)])

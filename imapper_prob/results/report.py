@@ -63,7 +63,7 @@ from imapper_prob.results.report_text import (
     trust,
     warnings_of,
 )
-from imapper_prob.sampling.ensembles import describe_walked
+from imapper_prob.sampling.ensembles import describe_refinement
 from imapper_prob.uncertainty.checks import alarms
 from imapper_prob.uncertainty.clusters import cells_of_object, names_of
 from imapper_prob.uncertainty.parameters import cells_of_parameter
@@ -405,7 +405,7 @@ def _diagnostics(posterior: Posterior) -> str:
         folded(
             "Do the chains agree? The numbers",
             paragraph(posterior.chain_verdict),
-            paragraph(describe_walked(samples.walked)),
+            paragraph(describe_refinement(samples.walked)),
             f'<div class="card">{chains}{legend(entries)}</div>',
             paragraph(
                 "After the grey part, from which no draws are used, all chains should look alike, "

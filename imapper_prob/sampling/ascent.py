@@ -28,9 +28,9 @@ from imapper_prob.samplers.chains import Report
 from imapper_prob.sampling.jit import compiled, inner, inner_inlined
 from imapper_prob.sampling.redraws import set_placement, with_stretch
 from imapper_prob.sampling.reference import NONE_BEFORE, Reference
-from imapper_prob.sampling.reference_placement import expected, leaves
-from imapper_prob.sampling.scene import Scene, scene_of, state_of
-from imapper_prob.sampling.steps import MOVES, Moves, Walker, log_posteriors
+from imapper_prob.sampling.reference_placement import end_pose, placement_centre
+from imapper_prob.sampling.scene import StateArrays, arrays_of, state_of
+from imapper_prob.sampling.steps import MOVES, Moves, SceneChain, log_posteriors
 
 __all__ = ["climb"]
 
@@ -46,10 +46,11 @@ _PROMISING: Final = 100
 _DRAWN: Final = 6000
 """Number of draws from which the best is taken; chosen: they take a fraction of a second."""
 _EVALUATED: Final = 4
-"""One draw in so many is counted as an evaluation, as those of another number of scenelets are not
-evaluated; chosen."""
-_STILL: Final = 1e-3
-"""Factor of the displacements of these draws, which are so at their expected placements."""
+"""Number of draws that count as one evaluation, because only draws with the wanted number of
+scenelets are evaluated; chosen."""
+_DISPLACEMENT_SCALE: Final = 1e-3
+"""Scale of the reference's displacements in these draws; so small that each scenelet lies at the
+centre of its placement."""
 _NEARLY: Final = 15.0
 """Nats by which a scene may be worse than the best one so far if it is to be optimised locally;
 chosen."""
@@ -64,13 +65,13 @@ _NEARBY: Final = (
     "shift",
     "placement",
     "camera",
-    "camera-carry",
+    "camera-compensated",
     "depth-scale",
     "focal-scale",
     "path",
 )
 """Moves of the local optimisation, which keep the scenelets."""
-_BETA, _STEPS, _LOOKS = 12.0, 1200, 40
+_BETA, _STEPS, _RECORDS = 12.0, 1200, 40
 """Inverse temperature of the local optimisation, number of its steps, and how often the best scene
 is recorded; chosen: few steps go downhill, and placements converge."""
 
@@ -137,13 +138,13 @@ def climb(
 def _pairs(problem: Problem, state: State, first: int, last: int) -> Ints:
     """(n, 2) scenelets and starts to try instead of the scenelets from ``first`` to ``last`` - 1.
 
-    The whole library is tried, so that it adjoins the scenelet before and the one after. For an
+    The whole library is tried, flush with the scenelet before and with the one after. For an
     exchange, it is also aligned with the start and with the end of the present scenelet; for an
     insertion (``first`` equals ``last``), tried at starts every few frames.
     """
     lengths = np.asarray(problem.lengths)
     library = np.arange(len(lengths))
-    low, high = _room(problem, state, first, last)
+    low, high = _free_frames(problem, state, first, last)
     if first < last:
         scenelet, begin = state.items[first].tolist()
         begins, ends = [begin, low], [begin + int(lengths[scenelet]), high]
@@ -156,7 +157,7 @@ def _pairs(problem: Problem, state: State, first: int, last: int) -> Ints:
     return _inside(problem, state, first, last, pairs)
 
 
-def _room(problem: Problem, state: State, first: int, last: int) -> tuple[int, int]:
+def _free_frames(problem: Problem, state: State, first: int, last: int) -> tuple[int, int]:
     """First free frame, and the frame after the last, between the neighbouring scenelets."""
     low, high = 0, problem.n_frames
     if first > 0:
@@ -168,7 +169,7 @@ def _room(problem: Problem, state: State, first: int, last: int) -> tuple[int, i
 
 
 def _inside(problem: Problem, state: State, first: int, last: int, pairs: Ints) -> Ints:
-    low, high = _room(problem, state, first, last)
+    low, high = _free_frames(problem, state, first, last)
     fits = (pairs[:, 1] >= low) & (pairs[:, 1] + problem.lengths[pairs[:, 0]] <= high)
     found: Ints = np.unique(pairs[fits], axis=0)
     return found
@@ -184,8 +185,8 @@ def _exchanged(
     if not len(pairs):
         return state
     reference = moves.reference
-    scene = scene_of(state)
-    evaluator = _standing(problem, scene, state.n_scenelets + 2)
+    scene = arrays_of(state)
+    evaluator = _evaluator_at(problem, scene, state.n_scenelets + 2)
     values = _values(evaluator, scene, _scenes_with(reference, scene, first, last, pairs))
     promising = pairs[np.argsort(-values, kind="stable")[:_PROMISING]]
     near = np.stack([np.zeros(2 * _REACH + 1, int), np.arange(-_REACH, _REACH + 1)], -1)
@@ -194,8 +195,8 @@ def _exchanged(
     return _best(evaluator, scene, changed) or state
 
 
-def _standing(problem: Problem, scene: Scene, capacity: int) -> Evaluator:
-    """An evaluator of up to so many scenelets whose current scene is this one."""
+def _evaluator_at(problem: Problem, scene: StateArrays, capacity: int) -> Evaluator:
+    """An evaluator for up to ``capacity`` scenelets whose current scene is this one."""
     evaluator = open_evaluator(problem, capacity)
     change(
         evaluator, NOWHERE, scene.camera, scene.latent,
@@ -218,10 +219,10 @@ def _redrawn(
 
     They are drawn at their expected placements, given the scenelet before.
     """
-    scene = scene_of(state)
-    still = moves.reference._replace(factors=_STILL * moves.reference.factors)
+    scene = arrays_of(state)
+    still = moves.reference._replace(factors=_DISPLACEMENT_SCALE * moves.reference.factors)
     drawn = _draws(still, rng, scene, first, last, number)
-    evaluator = _standing(problem, scene, state.n_scenelets + number)
+    evaluator = _evaluator_at(problem, scene, state.n_scenelets + number)
     return _best(evaluator, scene, drawn) or state
 
 
@@ -229,7 +230,7 @@ def _redrawn(
 def _draws(
     reference: Reference,
     rng: np.random.Generator,
-    scene: Scene,
+    scene: StateArrays,
     first: int,
     last: int,
     number: int,
@@ -252,7 +253,7 @@ def _draws(
 
 
 @inner_inlined
-def _copy(scene: Scene, items: Ints, placements: Array, sizes: Array, n: int) -> None:
+def _copy(scene: StateArrays, items: Ints, placements: Array, sizes: Array, n: int) -> None:
     # By numbers: numba takes seconds to compile the message of an assignment of arrays that fails.
     for i in range(len(scene.items)):
         items[n, i, 0], items[n, i, 1] = scene.items[i, 0], scene.items[i, 1]
@@ -261,7 +262,9 @@ def _copy(scene: Scene, items: Ints, placements: Array, sizes: Array, n: int) ->
             placements[n, i, j] = scene.placements[i, j]
 
 
-def _best(evaluator: Evaluator, scene: Scene, changed: tuple[Ints, Array, Array]) -> State | None:
+def _best(
+    evaluator: Evaluator, scene: StateArrays, changed: tuple[Ints, Array, Array]
+) -> State | None:
     """The most probable of n scenes; None if there is none inside the support."""
     values = _values(evaluator, scene, changed, rising=True)
     if not values.max(initial=-math.inf) > -math.inf:
@@ -271,7 +274,11 @@ def _best(evaluator: Evaluator, scene: Scene, changed: tuple[Ints, Array, Array]
 
 
 def _values(
-    evaluator: Evaluator, scene: Scene, changed: tuple[Ints, Array, Array], *, rising: bool = False
+    evaluator: Evaluator,
+    scene: StateArrays,
+    changed: tuple[Ints, Array, Array],
+    *,
+    rising: bool = False,
 ) -> Array:
     """(n,) log-posteriors in nats of the evaluator's scene with other scenelets."""
     camera, latent = scene.camera[None], scene.latent[None]
@@ -283,30 +290,30 @@ def _values(
 def _nearby(problem: Problem, moves: Moves, state: State, rng: np.random.Generator) -> State:
     """The best scene of a cold chain whose moves keep the scenelets."""
     weights = moves.weights * [name in _NEARBY for name in MOVES]
-    walker = Walker(problem, moves._replace(weights=weights), state)
-    best = walker(state).at(1.0), state
-    for _ in range(_LOOKS):
-        there = walker.advance(rng, _BETA, _STEPS // _LOOKS)[0].state
-        best = max(best, (walker(there).at(1.0), there), key=lambda found: found[0])
+    chain = SceneChain(problem, moves._replace(weights=weights), state)
+    best = chain(state).at(1.0), state
+    for _ in range(_RECORDS):
+        there = chain.advance(rng, _BETA, _STEPS // _RECORDS)[0].state
+        best = max(best, (chain(there).at(1.0), there), key=lambda found: found[0])
     return best[1]
 
 
 @inner
 def _with(
-    reference: Reference, scene: Scene, first: int, last: int, scenelet: int, start: int
-) -> Scene:
+    reference: Reference, scene: StateArrays, first: int, last: int, scenelet: int, start: int
+) -> StateArrays:
     """A scene with a scenelet instead of some consecutive ones, at its expected placement."""
     left, before, middle = NONE_BEFORE, np.empty((2, 4)), np.empty((2, 4))
     if first > 0:
-        left = leaves(
+        left = end_pose(
             reference, scene.camera, scene.items[first - 1, 0], scene.items[first - 1, 1],
             scene.placements[first - 1], scene.sizes[first - 1], before,
         )  # fmt: skip
-    expected(reference, scene.camera, scenelet, start, left, before, middle)
+    placement_centre(reference, scene.camera, scenelet, start, left, before, middle)
     item, placement, size = np.empty((1, 2), np.int64), np.empty((1, 3)), np.empty(1)
     item[0, 0], item[0, 1], size[0] = scenelet, start, middle[0, 3]
     set_placement(reference, scene.camera, scenelet, middle[0], placement[0])
-    return Scene(
+    return StateArrays(
         scene.camera,
         np.concatenate((scene.items[:first], item, scene.items[last:])),
         np.concatenate((scene.placements[:first], placement, scene.placements[last:])),
@@ -317,7 +324,7 @@ def _with(
 
 @compiled
 def _scenes_with(
-    reference: Reference, scene: Scene, first: int, last: int, tried: Ints
+    reference: Reference, scene: StateArrays, first: int, last: int, tried: Ints
 ) -> tuple[Ints, Array, Array]:
     """Items, placements and sizes of a scene for each of n pairs of scenelet and start."""
     k = len(scene.items) - (last - first) + 1

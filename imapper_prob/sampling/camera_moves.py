@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.sampling.image_pelvis import reproject_placements
 from imapper_prob.sampling.jit import inner
-from imapper_prob.sampling.looks import reprojected
-from imapper_prob.sampling.scene import Scene
+from imapper_prob.sampling.scene import StateArrays
 
 __all__ = ["scale_depth", "scale_focal", "walk_adapted", "walk_camera", "walk_compensated"]
 
@@ -42,7 +42,9 @@ def _stepped(
 
 
 @inner
-def walk_camera(factor: Array, rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+def walk_camera(
+    factor: Array, rng: np.random.Generator, scene: StateArrays
+) -> tuple[StateArrays, float]:
     """Move camera and body alone, by a step with the prior's covariance; symmetric.
 
     Parameters
@@ -50,57 +52,59 @@ def walk_camera(factor: Array, rng: np.random.Generator, scene: Scene) -> tuple[
     factor : (5, 5) float
         Lower Cholesky factor of the prior's covariance.
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene, float
+    StateArrays, float
     """
     camera = _stepped(_SCALES, factor, rng, scene.camera)
-    return Scene(camera, scene.items, scene.placements, scene.sizes, scene.latent), 0.0
+    return StateArrays(camera, scene.items, scene.placements, scene.sizes, scene.latent), 0.0
 
 
 @inner
-def _compensated(heights: Array, scene: Scene, camera: Array) -> tuple[Scene, float]:
-    """Change the camera, and move every scenelet so that it looks the same."""
+def _compensated(heights: Array, scene: StateArrays, camera: Array) -> tuple[StateArrays, float]:
+    """Change the camera, and move every scenelet so that its pelvis has the same image."""
     everything = np.ones(len(scene.items), np.bool_)
-    placements, sizes, ratio = reprojected(heights, scene, scene.camera, camera, everything)
+    placements, sizes, ratio = reproject_placements(
+        heights, scene, scene.camera, camera, everything
+    )
     if math.isnan(ratio):
         return scene, -math.inf
-    return Scene(camera, scene.items, placements, sizes, scene.latent), ratio
+    return StateArrays(camera, scene.items, placements, sizes, scene.latent), ratio
 
 
 @inner
 def walk_compensated(
-    factor: Array, heights: Array, rng: np.random.Generator, scene: Scene
-) -> tuple[Scene, float]:
-    """Move the camera by such a step, and every scenelet so that it looks the same.
+    factor: Array, heights: Array, rng: np.random.Generator, scene: StateArrays
+) -> tuple[StateArrays, float]:
+    """Move the camera by such a step, and every scenelet so that its pelvis has the same image.
 
     If the camera is tilted down, everything comes nearer, distant things most of all; moves of the
     camera alone or of all depths by one factor cannot do this. Each scenelet keeps the image of its
     pelvis and the apparent size of its person. So the Jacobian is the product, over scenelets, of
-    that of (x, y, log size) with respect to the look, new over old
-    (:mod:`imapper_prob.sampling.looks`).
+    that of (x, y, log size) with respect to the image pelvis, new over old
+    (:mod:`imapper_prob.sampling.image_pelvis`).
 
     Parameters
     ----------
     factor : (5, 5) float
     heights : (L,) float
-        :func:`imapper_prob.sampling.looks.middle_heights`.
+        :func:`imapper_prob.sampling.image_pelvis.middle_heights`.
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene, float
+    StateArrays, float
     """
     return _compensated(heights, scene, _stepped(_SCALES, factor, rng, scene.camera))
 
 
 @inner
 def walk_adapted(
-    shape: Array, heights: Array, rng: np.random.Generator, scene: Scene
-) -> tuple[Scene, float]:
+    shape: Array, heights: Array, rng: np.random.Generator, scene: StateArrays
+) -> tuple[StateArrays, float]:
     """Like :func:`walk_compensated`, with the estimated posterior covariance of camera and body.
 
     In the posterior, elevation, pitch and body scale lie on a ridge much narrower than the prior.
@@ -111,17 +115,17 @@ def walk_adapted(
         Lower Cholesky factor of the covariance.
     heights : (L,) float
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene, float
+    StateArrays, float
     """
     return _compensated(heights, scene, _stepped(_ADAPTED, shape, rng, scene.camera))
 
 
 @inner
-def scale_depth(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+def scale_depth(rng: np.random.Generator, scene: StateArrays) -> tuple[StateArrays, float]:
     """Scale the body, the camera's elevation and all distances by one factor.
 
     A larger body farther away, seen from higher up, looks the same. Without this move the direction
@@ -131,23 +135,25 @@ def scale_depth(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
     Parameters
     ----------
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene, float
+    StateArrays, float
     """
     step = _DEPTH[rng.integers(0, len(_DEPTH))] * rng.standard_normal()
     camera, placements = scene.camera.copy(), scene.placements.copy()
     camera[1] *= math.exp(step)
     camera[3] += step
     placements[:, :2] *= math.exp(step)
-    changed = Scene(camera, scene.items, placements, scene.sizes, scene.latent)
+    changed = StateArrays(camera, scene.items, placements, scene.sizes, scene.latent)
     return changed, (2 * len(placements) + 1) * step
 
 
 @inner
-def scale_focal(spread: float, rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+def scale_focal(
+    spread: float, rng: np.random.Generator, scene: StateArrays
+) -> tuple[StateArrays, float]:
     """Change the focal length and all depths together.
 
     Through a longer lens and from farther away things look the same except for perspective, which
@@ -161,16 +167,16 @@ def scale_focal(spread: float, rng: np.random.Generator, scene: Scene) -> tuple[
     spread : float
         Prior standard deviation of the log focal length.
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene, float
+    StateArrays, float
     """
     step = spread * _FOCAL[rng.integers(0, len(_FOCAL))] * rng.standard_normal()
     camera, placements = scene.camera.copy(), scene.placements.copy()
     camera[0] *= math.exp(-step)
     camera[2] += step
     placements[:, 1] *= math.exp(step)
-    changed = Scene(camera, scene.items, placements, scene.sizes, scene.latent)
+    changed = StateArrays(camera, scene.items, placements, scene.sizes, scene.latent)
     return changed, (len(placements) - 1) * step

@@ -17,7 +17,7 @@ from imapper_prob.samplers.chains import Report
 from imapper_prob.samplers.checkpoint import Checkpointer, CheckpointError
 from imapper_prob.samplers.ladder import LadderSummary, SwapTable, best_rungs, power_ladder
 from imapper_prob.samplers.reversible_jump import AcceptanceTable, ChainState
-from imapper_prob.samplers.tempering import Parts, TemperingState, start, temper, thinned
+from imapper_prob.samplers.tempering import LogDensityParts, TemperingState, start, temper, thinned
 from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.ascent import climb
 from imapper_prob.sampling.checkpoints import ChainProgress
@@ -33,11 +33,11 @@ from imapper_prob.sampling.schedule import (
     piece_of,
     trace_of,
 )
-from imapper_prob.sampling.steps import MOVES, Moves, Walker, parts_of, scene_moves
+from imapper_prob.sampling.steps import MOVES, Moves, SceneChain, parts_of, scene_moves
 from imapper_prob.sampling.visits import Visits, camera_shape
 
 __all__ = [
-    "Chain", "Setup", "Tempered", "first_used", "learnt_from", "run_chain", "starts_of",
+    "Chain", "Setup", "TemperedProblem", "first_used", "learnt_from", "run_chain", "starts_of",
     "temperatures_of", "tempered",
 ]  # fmt: skip
 
@@ -103,7 +103,7 @@ class Setup:
     known : tuple of tuple of Visits
         Visits of each chain before each reference that is learnt, as far as they are
         available. A chain learns further references from its own visits.
-    learnt : Tempered, optional
+    learnt : TemperedProblem, optional
         What is learnt from ``known``, see :func:`learnt_from`. A chain learns it if not given.
     temperatures : int, optional
         Number of temperatures with the last reference, see :func:`temperatures_of`. A chain takes
@@ -116,7 +116,7 @@ class Setup:
     settings: SampleSettings
     staged: tuple[State, ...]
     known: tuple[tuple[Visits, ...], ...] = ()
-    learnt: Tempered | None = None
+    learnt: TemperedProblem | None = None
     temperatures: int | None = None
 
 
@@ -195,7 +195,7 @@ def run_chain(
     done = None if checkpointer is None else _resumed(checkpointer, setup)
     if done is None and isinstance(starts, ChainProgress):
         done = starts
-    learnt: Tempered | None = None
+    learnt: TemperedProblem | None = None
     finished = True
     if done is None:
         assert not isinstance(starts, ChainProgress)
@@ -233,7 +233,7 @@ def run_chain(
 
 def _begun(
     setup: Setup,
-    learnt: Tempered,
+    learnt: TemperedProblem,
     starts: Sequence[State],
     rng: np.random.Generator,
     report: Report,
@@ -254,20 +254,20 @@ def _begun(
     return done
 
 
-def _walk(learnt: Tempered, first: State, rng: np.random.Generator, steps: int) -> Visits:
+def _walk(learnt: TemperedProblem, first: State, rng: np.random.Generator, steps: int) -> Visits:
     """Visits of a walk at the posterior whose moves draw nothing from the reference."""
     weights = learnt.moves.weights * [not name.endswith("redraw") for name in MOVES]
-    walker = Walker(learnt.problem, learnt.moves._replace(weights=weights), first)
+    chain = SceneChain(learnt.problem, learnt.moves._replace(weights=weights), first)
     visits, apart = Visits(), max(1, steps // _WALKED)
     visits.note(first)
     for _ in range(steps // apart):
-        visits.note(walker.advance(rng, 1.0, apart)[0].state)
+        visits.note(chain.advance(rng, 1.0, apart)[0].state)
     return visits
 
 
 def _advance(
     done: ChainProgress,
-    learnt: Tempered,
+    learnt: TemperedProblem,
     settings: SampleSettings,
     crossover: TimeCrossover,
     *,
@@ -275,31 +275,31 @@ def _advance(
 ) -> None:
     """Continue a chain by a piece, and keep its draws, trace and visits.
 
-    Each piece begins with new walkers, like a chain that resumes from a checkpoint.
+    Each piece begins with new evaluators, like a chain that resumes from a checkpoint.
     """
-    keep, mark, learning = draws_of(settings), trace_of(settings), learning_of(settings)
+    kept, traced, learning = draws_of(settings), trace_of(settings), learning_of(settings)
     adapt = done.position.rounds < burn_in_of(settings)
     swaps = temper(
         done.rngs,
         done.position,
-        walker=learnt.walker,
+        chain_at=learnt.chain_at,
         steps_per_swap=settings.swap_every,
         adapt=adapt,
         crossover=crossover,
         independent=learnt.independent,
     )
     for at in islice(swaps, rounds):
-        coldest = at.position.chains[-1]
+        coldest = at.state.chains[-1]
         done.record(at, fixed=not adapt)
-        if keep.has(done.position.rounds):
+        if kept.has(done.position.rounds):
             done.states.append(coldest.state)
             done.values.append(coldest.log_density)
-        if mark.has(done.position.rounds):
+        if traced.has(done.position.rounds):
             done.trace.append(coldest.log_density)
-        done.thin(keep.most)
-        done.position = at.position
-        if learning.has(at.position.rounds):
-            for beta, rung in zip(at.position.betas, at.position.chains, strict=True):
+        done.thin(kept.most)
+        done.position = at.state
+        if learning.has(at.state.rounds):
+            for beta, rung in zip(at.state.betas, at.state.chains, strict=True):
                 done.visits[-1].note(rung.state, beta)
 
 
@@ -324,7 +324,7 @@ def _result(done: ChainProgress, *, finished: bool) -> Chain:
 
 
 @dataclass(frozen=True)
-class Tempered:
+class TemperedProblem:
     """Target and moves of a chain over scenes, tempered from a reference to the posterior.
 
     Parameters
@@ -336,7 +336,7 @@ class Tempered:
     problem: Problem
     moves: Moves
 
-    def target(self, state: State) -> Parts:
+    def target(self, state: State) -> LogDensityParts:
         """Evaluate the log density in two parts, reference and rest.
 
         Parameters
@@ -345,12 +345,12 @@ class Tempered:
 
         Returns
         -------
-        Parts
+        LogDensityParts
         """
         return parts_of(self.problem, self.moves.reference, state)
 
-    def walker(self, state: State) -> Walker:
-        """Make a walker at a state.
+    def chain_at(self, state: State) -> SceneChain:
+        """Make a chain at a state.
 
         Parameters
         ----------
@@ -358,9 +358,9 @@ class Tempered:
 
         Returns
         -------
-        Walker
+        SceneChain
         """
-        return Walker(self.problem, self.moves, state)
+        return SceneChain(self.problem, self.moves, state)
 
     def independent(self, rng: np.random.Generator) -> State:
         """Draw a scene from the reference.
@@ -376,7 +376,7 @@ class Tempered:
         return state_of(draw_scene(self.moves.reference, rng))
 
 
-def tempered(setup: Setup, visits: Visits) -> Tempered:
+def tempered(setup: Setup, visits: Visits) -> TemperedProblem:
     """Learn reference and moves from visited scenes.
 
     Parameters
@@ -386,14 +386,14 @@ def tempered(setup: Setup, visits: Visits) -> Tempered:
 
     Returns
     -------
-    Tempered
+    TemperedProblem
     """
     reference = learn(setup.problem, setup.gains, setup.similarity, visits)
     moves = scene_moves(setup.problem, reference, camera_shape(visits))
-    return Tempered(setup.problem, moves)
+    return TemperedProblem(setup.problem, moves)
 
 
-def learnt_from(setup: Setup) -> Tempered:
+def learnt_from(setup: Setup) -> TemperedProblem:
     """Learn reference and moves from the visits of all chains that are known.
 
     At first they are learnt from the solver's scenes, then from these and the walks about the
@@ -407,7 +407,7 @@ def learnt_from(setup: Setup) -> Tempered:
 
     Returns
     -------
-    Tempered
+    TemperedProblem
     """
     known = setup.known
     if len(known) > 1:
@@ -423,9 +423,10 @@ def learnt_from(setup: Setup) -> Tempered:
 
 
 def first_used(count: int) -> int:
-    """Index of the first visits after the walks' that are in use once references were learnt.
+    """Index of the first visits, after those of the walks, from which references are learnt.
 
-    Earlier ones are not used by later references either.
+    A reference is learnt from the visits of the walks and from the later half of the other visits
+    recorded so far. The earlier half is not used by later references either, so it can be dropped.
 
     Parameters
     ----------
@@ -440,7 +441,7 @@ def first_used(count: int) -> int:
     return 1 + max(count - 1, 0) // 2
 
 
-def _of_noted(setup: Setup, noted: Sequence[Visits]) -> Tempered:
+def _of_noted(setup: Setup, noted: Sequence[Visits]) -> TemperedProblem:
     """Reference and moves at a chain's position, learnt from its own visits if no others are known.
 
     ``noted`` are its visits before each reference so far.
@@ -476,7 +477,7 @@ def _thin_ladder(done: ChainProgress, temperatures: int) -> None:
         done.rngs = [*done.rngs[:temperatures], done.rngs[-1]]
 
 
-def _anew(position: TemperingState[State], learnt: Tempered) -> TemperingState[State]:
+def _anew(position: TemperingState[State], learnt: TemperedProblem) -> TemperingState[State]:
     """The position of a ladder, re-evaluated with another reference."""
     parts = [learnt.target(chain.state) for chain in position.chains]
     return position._replace(

@@ -104,7 +104,7 @@ class ChainProgress:
         at : TemperingInfo
         fixed : bool
         """
-        self.table = self.table.recorded(at.swap_acceptance, at.position.replicas)
+        self.table = self.table.recorded(at.swap_acceptance, at.state.replicas)
         if fixed:
             for info in (*at.steps[-1], *at.crossovers):
                 self.acceptance.record(info)

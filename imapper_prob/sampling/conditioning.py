@@ -1,9 +1,8 @@
 """Draws of a posterior given statements, from draws of the posterior without them.
 
 If enough draws agree with the statements, draws are weighted and resampled. If few do, some draws
-are annealed over a bridge of posteriors (:mod:`imapper_prob.samplers.reweighting`) with the moves
-of chains, and new chains start from the results. Both methods estimate the evidence of the
-statements.
+are annealed (:mod:`imapper_prob.samplers.reweighting`) with the moves of chains, and new chains
+start from the results. Both methods estimate the evidence of the statements.
 """
 
 from __future__ import annotations
@@ -25,12 +24,12 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.statement_rows import log_by_chance, tell
 from imapper_prob.models.statements import Statement, describe
 from imapper_prob.progress import Progress
-from imapper_prob.samplers.reweighting import Reweighted, bridge, families_of, resample
+from imapper_prob.samplers.reweighting import Reweighted, anneal, families_of, resample
 from imapper_prob.samplers.verdict import Verdict
 from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.chain import Setup, tempered
 from imapper_prob.sampling.sample import Samples, judge_draws, sample_scenes, setup_of
-from imapper_prob.sampling.steps import Walker
+from imapper_prob.sampling.steps import SceneChain
 from imapper_prob.sampling.visits import Visits
 from imapper_prob.solver.solver import Solution
 
@@ -46,10 +45,11 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _PARTICLES: Final = 64
-"""Draws that are annealed over a bridge; chosen."""
+"""Number of draws that are annealed; chosen."""
 _STEPS: Final = 120
-"""Steps of each draw at each power; chosen by bridges whose evidence is known (tests/sampling/
-test_told.py). With 60 it comes out too low by more than twice its error, with 120 by about one."""
+"""Steps of each draw at each power; chosen where the evidence is known, see
+tests/sampling/test_told.py: with 60 it comes out too low by more than twice its error, with 120 by
+about one."""
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ def continued(
     workers: int = 1,
     progress: Progress | None = None,
 ) -> tuple[Samples, Evidence]:
-    """Condition draws on statements by a bridge, and run chains from the results.
+    """Condition draws on statements by annealing, and run chains from the results.
 
     Parameters
     ----------
@@ -293,15 +293,15 @@ def continued(
     -------
     Samples, Evidence
     """
-    bridge_seed, chain_seed = seed.spawn(2)
+    anneal_seed, chain_seed = seed.spawn(2)
     told = with_statements(source, problem)
     setup = setup_of(told, settings)
     chosen = _evenly(samples, _PARTICLES)
     families = families_of(*samples.shape)[chosen]
     advance = _Advance(setup, fresh, _noted(samples.states))
     alone = problem._replace(given_power=fresh, likelihood=0.0)
-    led = bridge(
-        np.random.default_rng(bridge_seed),
+    annealed = anneal(
+        np.random.default_rng(anneal_seed),
         [samples.states[n] for n in chosen],
         families,
         log_factor=lambda state: float(terms(alone, state)["given"]),
@@ -309,7 +309,7 @@ def continued(
         on_power=None if progress is None else partial(progress, "being told"),
     )
     # Unsorted: sorting by log-posterior would start all chains in the same mode.
-    pool = led.states
+    pool = annealed.states
     starts = [
         [pool[chain % len(pool)], *pool[chain + settings.chains :: settings.chains]]
         for chain in range(settings.chains)
@@ -317,7 +317,9 @@ def continued(
     drawn = sample_scenes(
         told, settings, seed=chain_seed, workers=workers, starts=starts, progress=progress
     )
-    evidence = Evidence(led.log_ratio, led.error, found.effective, len(samples.states), "resampled")
+    evidence = Evidence(
+        annealed.log_ratio, annealed.error, found.effective, len(samples.states), "resampled"
+    )
     return drawn, evidence
 
 
@@ -344,5 +346,5 @@ class _Advance:
 
     def __call__(self, rng: np.random.Generator, state: State, power: float) -> State:
         powers = np.where(self._fresh > 0, power, 1.0)
-        walker = Walker(self._problem._replace(given_power=powers), self._moves, state)
-        return walker.advance(rng, 1.0, _STEPS)[0].state
+        chain = SceneChain(self._problem._replace(given_power=powers), self._moves, state)
+        return chain.advance(rng, 1.0, _STEPS)[0].state

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem
+from imapper_prob.sampling.image_pelvis import middle_heights, reproject_placements
 from imapper_prob.sampling.jit import compiled, inner
-from imapper_prob.sampling.looks import middle_heights, reprojected
-from imapper_prob.sampling.scene import Scene, scene_of, state_of
+from imapper_prob.sampling.scene import StateArrays, arrays_of, state_of
 
 __all__ = ["TimeCrossover"]
 
@@ -35,8 +35,8 @@ class TimeCrossover:
 
     A block is a run of frames without a gap that are inside a scenelet of either scene. Both scenes
     together have the same blocks after the exchange, so forward and reverse proposals are equally
-    probable. Scenelets are moved so that they look the same through the other camera
-    (:mod:`imapper_prob.sampling.looks`).
+    probable. Scenelets are moved so that their pelvis has the same image in the other camera
+    (:mod:`imapper_prob.sampling.image_pelvis`).
 
     Parameters
     ----------
@@ -54,15 +54,15 @@ class TimeCrossover:
         None if both stretches are empty, or if a scenelet has no valid placement.
         """
         warm, cool, ratio = _exchange(
-            self._lengths, self._heights, rng, scene_of(hot), scene_of(cold)
+            self._lengths, self._heights, rng, arrays_of(hot), arrays_of(cold)
         )
         return None if math.isnan(ratio) else (state_of(warm), state_of(cool), float(ratio))
 
 
 @compiled
 def _exchange(
-    lengths: Ints, heights: Array, rng: np.random.Generator, hot: Scene, cold: Scene
-) -> tuple[Scene, Scene, float]:
+    lengths: Ints, heights: Array, rng: np.random.Generator, hot: StateArrays, cold: StateArrays
+) -> tuple[StateArrays, StateArrays, float]:
     """Both scenes after the exchange and the log Jacobian, NaN if it is impossible."""
     cuts = _cuts(lengths, hot.items, cold.items, len(hot.latent))
     n_blocks = len(cuts) - 1
@@ -74,8 +74,12 @@ def _exchange(
     of_hot, of_cold = _inside(hot, begin, end), _inside(cold, begin, end)
     if not of_hot.any() and not of_cold.any():
         return hot, cold, math.nan
-    to_cold, sizes_cold, ratio_cold = reprojected(heights, hot, hot.camera, cold.camera, of_hot)
-    to_hot, sizes_hot, ratio_hot = reprojected(heights, cold, cold.camera, hot.camera, of_cold)
+    to_cold, sizes_cold, ratio_cold = reproject_placements(
+        heights, hot, hot.camera, cold.camera, of_hot
+    )
+    to_hot, sizes_hot, ratio_hot = reproject_placements(
+        heights, cold, cold.camera, hot.camera, of_cold
+    )
     new_hot = _merged(hot, ~of_hot, cold, of_cold, to_hot, sizes_hot, begin, end)
     new_cold = _merged(cold, ~of_cold, hot, of_hot, to_cold, sizes_cold, begin, end)
     return new_hot, new_cold, ratio_hot + ratio_cold
@@ -100,28 +104,28 @@ def _cuts(lengths: Ints, one: Ints, other: Ints, n_frames: int) -> Ints:
 
 
 @inner
-def _inside(scene: Scene, begin: int, end: int) -> Flags:
+def _inside(scene: StateArrays, begin: int, end: int) -> Flags:
     starts = scene.items[:, 1]
     return (starts >= begin) & (starts < end)
 
 
 @inner
 def _merged(
-    own: Scene,
+    own: StateArrays,
     kept: Flags,
-    others: Scene,
+    others: StateArrays,
     taken: Flags,
     placements: Array,
     sizes: Array,
     begin: int,
     end: int,
-) -> Scene:
+) -> StateArrays:
     """A scene with the other's scenelets in a stretch, placed for its own camera."""
     items = np.concatenate((own.items[kept], others.items[taken]))
     order = np.argsort(items[:, 1], kind="mergesort")
     latent = own.latent.copy()
     latent[begin:end] = others.latent[begin:end]
-    return Scene(
+    return StateArrays(
         own.camera,
         items[order],
         np.concatenate((own.placements[kept], placements[taken]))[order],

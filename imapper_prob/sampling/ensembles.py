@@ -35,10 +35,10 @@ from imapper_prob.models.view import log_area, to_floor, to_view
 from imapper_prob.samplers.chains import Report, Workers, run_chains
 from imapper_prob.samplers.diagnostics import ShortChainWarning, ess, mean_error, rhat
 from imapper_prob.samplers.ensemble import Ensemble, can_walk, walk_ensemble
-from imapper_prob.sampling.scene import scene_of
+from imapper_prob.sampling.scene import arrays_of
 from imapper_prob.sampling.steps import log_posteriors
 
-__all__ = ["QUANTITIES", "Walked", "describe_walked", "walk_draws"]
+__all__ = ["QUANTITIES", "EnsembleRefinement", "describe_refinement", "refine_draws"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -51,7 +51,7 @@ quantities exceeds it."""
 
 
 @dataclass(frozen=True)
-class Walked:
+class EnsembleRefinement:
     """The effect of the ensembles on the draws.
 
     Parameters
@@ -89,7 +89,7 @@ class Walked:
         return not (np.abs(self.change) > _ERRORS * self.error).any()
 
 
-def walk_draws(
+def refine_draws(
     problem: Problem,
     states: Sequence[State],
     values: Array,
@@ -99,7 +99,7 @@ def walk_draws(
     workers: int | Workers = 1,
     scratch: Path | None = None,
     on_progress: Callable[[float], None] | None = None,
-) -> tuple[tuple[State, ...], Array, Walked]:
+) -> tuple[tuple[State, ...], Array, EnsembleRefinement]:
     """Move the draws of chains in ensembles; each draw keeps its scenelets.
 
     Parameters
@@ -123,7 +123,7 @@ def walk_draws(
     -------
     states : tuple of C N State
     values : (C, N) float
-    Walked
+    EnsembleRefinement
     """
     groups = _groups(states, values.shape)
     done = np.zeros(len(groups))
@@ -135,7 +135,7 @@ def walk_draws(
             on_progress(float(done @ sizes / sizes.sum()))
 
     arrived = run_chains(
-        _walk,
+        _refine_group,
         (problem, steps),
         [tuple(states[n] for n in group) for group in groups],
         seed=seed,
@@ -156,39 +156,41 @@ def walk_draws(
     with warnings.catch_warnings():
         # The verdict reports chains that are too short.
         warnings.simplefilter("ignore", ShortChainWarning)
-        walked = _compared(groups, arrived, first, second)
-    return tuple(moved), new, walked
+        refinement = _compared(groups, arrived, first, second)
+    return tuple(moved), new, refinement
 
 
-def describe_walked(walked: Walked | None) -> str:
+def describe_refinement(refinement: EnsembleRefinement | None) -> str:
     """A sentence on whether chains and ensembles agree.
 
     Parameters
     ----------
-    walked : Walked or None
+    refinement : EnsembleRefinement or None
 
     Returns
     -------
     str
     """
-    if walked is None or not walked.walkers:
+    if refinement is None or not refinement.walkers:
         return "No draws walked in ensembles: too few have as many scenelets as others."
-    first = f"Ensembles of emcee moved {walked.walkers} draws by {walked.steps} steps each"
-    known = np.isfinite(walked.error)
+    first = f"Ensembles of emcee moved {refinement.walkers} draws by {refinement.steps} steps each"
+    known = np.isfinite(refinement.error)
     if not known.any():
         return f"{first}; so few draws cannot be held against those of the chains."
-    errors = np.abs(walked.change[known]) / np.maximum(walked.error[known], np.finfo(float).tiny)
+    errors = np.abs(refinement.change[known]) / np.maximum(
+        refinement.error[known], np.finfo(float).tiny
+    )
     worst = np.flatnonzero(known)[errors.argmax()]
     said = (
         f"the mean of {QUANTITIES[worst].replace('_', ' ')} changes by "
-        f"{abs(walked.change[worst]):.2f} standard deviations, ± {walked.error[worst]:.2f}"
+        f"{abs(refinement.change[worst]):.2f} standard deviations, ± {refinement.error[worst]:.2f}"
     )
-    if not walked.agrees:
+    if not refinement.agrees:
         return f"{first} and do not agree with the chains, which have not arrived: {said}."
     return (
         f"{first} and agree with the chains: {said}. R-hat of {len(QUANTITIES)} numbers is then "
-        f"{np.nanmax(walked.rhat):.2f} or less, with {np.nanmin(walked.after):.0f} effective draws "
-        f"or more ({np.nanmin(walked.before):.0f} before)."
+        f"{np.nanmax(refinement.rhat):.2f} or less, with {np.nanmin(refinement.after):.0f} "
+        f"effective draws or more ({np.nanmin(refinement.before):.0f} before)."
     )
 
 
@@ -205,7 +207,7 @@ def _groups(states: Sequence[State], shape: tuple[int, ...]) -> list[Ints]:
     return [group for group in groups if can_walk(_to_theta([states[n] for n in group]))]
 
 
-def _walk(
+def _refine_group(
     problem: tuple[Problem, int],
     states: tuple[State, ...],
     rng: np.random.Generator,
@@ -235,7 +237,7 @@ class _Target:
 
     def __init__(self, problem: Problem, states: Sequence[State]) -> None:
         self._published = problem.paper_nats if problem.of_paper else None
-        self._anywhere = scene_of(states[0])
+        self._anywhere = arrays_of(states[0])
         self._items = np.stack([state.items for state in states])
         self._evaluator = open_evaluator(problem, max(1, self._items.shape[1]))
         self._path = (problem.n_frames, 2)
@@ -269,9 +271,9 @@ def _quantities(states: Sequence[State], values: Array) -> Array:
 
 def _compared(
     groups: Sequence[Ints], arrived: Sequence[Ensemble], before: Array, after: Array
-) -> Walked:
+) -> EnsembleRefinement:
     spread = np.maximum(before.std((1, 2)), np.finfo(float).tiny)
-    return Walked(
+    return EnsembleRefinement(
         walkers=sum(map(len, groups)),
         steps=min((ensemble.steps for ensemble in arrived), default=0),
         acceptance=_rates(arrived),

@@ -44,16 +44,16 @@ from imapper_prob.models.view import floor_point
 from imapper_prob.sampling.jit import compiled, inner
 from imapper_prob.sampling.redraws import set_placement
 from imapper_prob.sampling.reference import NONE_BEFORE, Reference
-from imapper_prob.sampling.reference_placement import expected
+from imapper_prob.sampling.reference_placement import placement_centre
 
 __all__ = [
     "Sequences",
     "expected_placement",
+    "frames_left_of",
     "gains_about",
     "gains_of",
-    "room_of",
     "sequences_of",
-    "static_path",
+    "static_pelvis_on_floor",
 ]
 
 Array = NDArray[np.float64]
@@ -67,7 +67,7 @@ _HOPELESS: Final = 15.0
 tenth of all remain."""
 
 
-def room_of(problem: Problem) -> Ints:
+def frames_left_of(problem: Problem) -> Ints:
     """Number of frames from each frame to the end of its person's frames.
 
     Parameters
@@ -84,7 +84,7 @@ def room_of(problem: Problem) -> Ints:
     return np.append(begins[np.searchsorted(begins, frames, "right")] - frames, 0)
 
 
-def static_path(problem: Problem) -> Array:
+def static_pelvis_on_floor(problem: Problem) -> Array:
     """Bearing and log depth of the static path's pelvis on the floor, for the mean camera.
 
     Parameters
@@ -119,7 +119,7 @@ def expected_placement(
     ----------
     problem : Problem
     path : (T, 2) float
-        See :func:`static_path`.
+        See :func:`static_pelvis_on_floor`.
     scenelet : int
     start : int
         Start frame.
@@ -140,7 +140,7 @@ def expected_placement(
     return x - c * local[0] + s * local[1], y - s * local[0] - c * local[1], yaw
 
 
-class _Judge(NamedTuple):
+class _GainWorkspace(NamedTuple):
     """What the gains of all scenelets need of a problem, and workspaces.
 
     Parameters
@@ -171,7 +171,7 @@ class _Judge(NamedTuple):
 
 
 @inner
-def _judge_of(problem: Problem) -> _Judge:
+def _gain_workspace(problem: Problem) -> _GainWorkspace:
     n_frames = len(problem.lift)
     uv, params = np.empty((n_frames, 2, 2, 16)), np.empty((n_frames, 2, PARAMS, 16), np.float32)
     scratch64, scratch32 = np.empty(SCRATCH64), np.empty(SCRATCH32, np.float32)
@@ -190,7 +190,7 @@ def _judge_of(problem: Problem) -> _Judge:
     weight = problem.frame_weight * problem.likelihood
     for t in range(n_frames):
         free[t] = weight * (max(logs[0, t], logs[1, t]) - problem.free_cost[t])
-    return _Judge(
+    return _GainWorkspace(
         lens_of(problem, problem.camera_mean), weight, free, seen, uv, params,
         np.empty((1, 3, 16)), likelihoods, logs, scratch64, scratch32,
     )  # fmt: skip
@@ -198,12 +198,17 @@ def _judge_of(problem: Problem) -> _Judge:
 
 @inner
 def _gain(
-    problem: Problem, judge: _Judge, scenelet: int, start: int, placement: Array, size: float
+    problem: Problem,
+    workspace: _GainWorkspace,
+    scenelet: int,
+    start: int,
+    placement: Array,
+    size: float,
 ) -> float:
     """Gain of a scenelet at a placement (3,) and log size, at the mean camera."""
     body = math.exp(problem.camera_mean[3] + size)
     c, s = body * math.cos(placement[2]), body * math.sin(placement[2])
-    first, joints = problem.joint_first[scenelet], judge.joints
+    first, joints = problem.joint_first[scenelet], workspace.joints
     length = problem.joint_first[scenelet + 1] - first
     for n in range(length):
         for j in range(16):
@@ -212,14 +217,19 @@ def _gain(
             joints[0, 1, j] = s * x + c * y + placement[1]
             joints[0, 2, j] = body * z
         set_visibility_likelihoods(
-            judge.lens, problem.pose_tolerance, body, joints, 0, judge.uv, judge.params, start + n,
-            judge.scratch64, judge.scratch32, judge.likelihoods, 0,
+            workspace.lens, problem.pose_tolerance, body, joints, 0, workspace.uv, workspace.params,
+            start + n, workspace.scratch64, workspace.scratch32, workspace.likelihoods, 0,
         )  # fmt: skip
-        mix_likelihoods(judge.likelihoods, 0, judge.seen, 0, judge.scratch64, judge.logs[:, n:])
-    take_logs(judge.logs, length)
+        mix_likelihoods(
+            workspace.likelihoods, 0, workspace.seen, 0, workspace.scratch64, workspace.logs[:, n:]
+        )
+    take_logs(workspace.logs, length)
     gain = 0.0
     for n in range(length):
-        gain += judge.weight * max(judge.logs[0, n], judge.logs[1, n]) - judge.free[start + n]
+        gain += (
+            workspace.weight * max(workspace.logs[0, n], workspace.logs[1, n])
+            - workspace.free[start + n]
+        )
     return gain
 
 
@@ -235,21 +245,21 @@ def gains_of(problem: Problem) -> Array:
     (T, L) float
         Nats; -inf where a scenelet would extend beyond its person's frames.
     """
-    return _gains(problem, static_path(problem), room_of(problem))
+    return _gains(problem, static_pelvis_on_floor(problem), frames_left_of(problem))
 
 
 @compiled
-def _gains(problem: Problem, path: Array, room: Ints) -> Array:
-    judge, placement = _judge_of(problem), np.empty(3)
+def _gains(problem: Problem, path: Array, frames_left: Ints) -> Array:
+    workspace, placement = _gain_workspace(problem), np.empty(3)
     gains = np.full((len(path), len(problem.joint_first) - 1), -math.inf)
     for scenelet in range(gains.shape[1]):
         length = problem.joint_first[scenelet + 1] - problem.joint_first[scenelet]
         for start in range(len(gains)):
-            if length <= room[start]:
+            if length <= frames_left[start]:
                 placement[0], placement[1], placement[2] = expected_placement(
                     problem, path, scenelet, start
                 )
-                gains[start, scenelet] = _gain(problem, judge, scenelet, start, placement, 0.0)
+                gains[start, scenelet] = _gain(problem, workspace, scenelet, start, placement, 0.0)
     return gains
 
 
@@ -263,24 +273,24 @@ def gains_about(problem: Problem, gains: Array, reference: Reference) -> Array:
     gains : (T, L) float
         See :func:`gains_of`; those of hopeless scenelets are kept.
     reference : Reference
-        Its mean path, yaws, size and habits are used.
+        Its mean path, yaws, size and deviations of scenelets are used.
 
     Returns
     -------
     (T, L) float
         Nats.
     """
-    judge, placement = _judge_of(problem), np.empty(3)
+    workspace, placement = _gain_workspace(problem), np.empty(3)
     before, where = np.empty((2, 4)), np.empty((2, 4))
     camera, anew = reference.library_camera, gains.copy()
     for start in range(len(gains)):
         least = gains[start].max() - _HOPELESS
         for scenelet in range(gains.shape[1]):
             if gains[start, scenelet] > least:
-                expected(reference, camera, scenelet, start, NONE_BEFORE, before, where)
+                placement_centre(reference, camera, scenelet, start, NONE_BEFORE, before, where)
                 set_placement(reference, camera, scenelet, where[0], placement)
                 anew[start, scenelet] = _gain(
-                    problem, judge, scenelet, start, placement, where[0, 3]
+                    problem, workspace, scenelet, start, placement, where[0, 3]
                 )  # fmt: skip
     return anew
 

@@ -25,7 +25,8 @@ _KERNELS: Final = tuple(
     for name in (
         "camera_moves",
         "crossover",
-        "looks",
+        "gains",
+        "image_pelvis",
         "moves",
         "redraws",
         "reference",

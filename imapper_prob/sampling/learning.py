@@ -16,12 +16,17 @@ from imapper_prob.models.kernels.placement import expected_facing
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import to_floor
-from imapper_prob.sampling.gains import gains_about, room_of, sequences_of, static_path
+from imapper_prob.sampling.gains import (
+    frames_left_of,
+    gains_about,
+    sequences_of,
+    static_pelvis_on_floor,
+)
+from imapper_prob.sampling.image_pelvis import reproject_pelvis
 from imapper_prob.sampling.jit import compiled
-from imapper_prob.sampling.looks import carry
 from imapper_prob.sampling.reference import DOF, FIRST, FLUSH, GAP, Reference
-from imapper_prob.sampling.reference_density import foretell
-from imapper_prob.sampling.reference_placement import displacements, usual_offsets
+from imapper_prob.sampling.reference_density import component_probabilities
+from imapper_prob.sampling.reference_placement import displacements, mean_offsets
 from imapper_prob.sampling.visits import Visits, camera_covariance
 
 __all__ = ["learn"]
@@ -31,34 +36,37 @@ Ints = NDArray[np.int64]
 
 _SHIFTS: Final = {0: 0.6, -1: 0.15, 1: 0.15, -2: 0.05, 2: 0.05}
 """Shifts in frames by which visited ends and starts are smoothed, with their weights; chosen."""
-_SHARES: Final = np.array([0.15, 0.1, 0.25, 0.2, 0.05, 0.25])
-"""Initial shares of the components followed, later, similar, fitting, anywhere and adjoining;
+_INITIAL_WEIGHTS: Final = np.array([0.15, 0.1, 0.25, 0.2, 0.05, 0.25])
+"""Initial weights of the components followed, later, similar, fitting, anywhere and flush;
 chosen."""
 _KEPT: Final = 0.5
-"""Weight of the initial shares in the learnt ones, so that unvisited scenes stay possible;
+"""Share of the initial weights in the learnt ones, so that unvisited scenes stay possible;
 chosen."""
 _ROUNDS: Final = 30
-"""Largest number of EM iterations for the shares."""
+"""Largest number of EM iterations for the weights."""
 _SETTLED: Final = 0.005
-"""Change of the shares at which EM stops; chosen."""
+"""Change of the weights at which EM stops; chosen."""
 _PREDICTED: Final = 1000
-"""Approximate number of states of a half that the other half predicts; chosen: the shares are then
-known to about .01."""
+"""About how many states of one half of the visits are predicted from the other half; chosen: with
+so many, the learnt weights have an error of about .01."""
 _NEAR: Final = 2.0
 """Width in frames of the kernel (1 + (dt / width)^2)^-2 with which visits determine the person's
 position in other frames; chosen."""
-_DOUBT: Final = np.array([0.02, 5.0])
-"""Pseudo-visits: of the static path, and of scenelets that do not differ from similar ones;
-chosen."""
-_USUAL: Final = np.diag([0.006, 0.04, 0.12, 0.03]) ** 2
+_PSEUDO_VISITS: Final = np.array([0.02, 5.0])
+"""Numbers of pseudo-visits: in each frame, of a person on the static path; and of each scenelet,
+with the mean deviation of similar ones. A scenelet with fewer visits than the latter counts as
+rarely visited. Chosen."""
+_PRIOR_COVARIANCE: Final = np.diag([0.006, 0.04, 0.12, 0.03]) ** 2
 """Prior covariance of bearing (tangent), log depth, yaw (radians) and log size of a scenelet:
 standard deviations of long chains on the demo, rounded."""
-_STEP: Final = np.diag([0.004, 0.015, 0.12, 0.03]) ** 2
-"""The same for a scenelet relative to the one that ends where it starts."""
-_STATES: Final = 20.0
-"""Weight of these prior covariances, in visits; chosen."""
-_IDS: Final = 5.0
-"""Weight of the first one, in scenelets, where differences between scenelets are learnt; chosen."""
+_PRIOR_FLUSH_COVARIANCE: Final = np.diag([0.004, 0.015, 0.12, 0.03]) ** 2
+"""The same for a scenelet that is flush with the one before, relative to that one."""
+_COVARIANCE_VISITS: Final = 20.0
+"""Number of pseudo-visits with these prior covariances, where the scatter of visits is learnt;
+chosen."""
+_COVARIANCE_SCENELETS: Final = 5.0
+"""Number of pseudo-scenelets with ``_PRIOR_COVARIANCE``, where the covariance of the differences
+between scenelets is learnt; chosen."""
 
 
 def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> Reference:
@@ -81,15 +89,18 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
     numbers = {kind: number for number, kind in enumerate(sorted(set(kinds)), start=1)}
     lengths = problem.lengths
     own = np.array([numbers[kind] for kind in kinds])
-    room = room_of(problem)
-    fitting, by_length = (lengths[:, None] <= room).sum(0), np.argsort(lengths, kind="stable")
+    frames_left = frames_left_of(problem)
+    fitting, by_length = (
+        (lengths[:, None] <= frames_left).sum(0),
+        np.argsort(lengths, kind="stable"),
+    )
     camera_mean, covariance = np.array(problem.camera_mean), camera_covariance(visits)
     if covariance is None:
         covariance = np.linalg.inv(problem.camera_precision).astype(np.float64)
     else:
         camera_mean = visits.arrays()["cameras"].mean(0)
     camera_factor = np.linalg.cholesky(covariance).astype(np.float64)
-    followed, later = _rows(visits, own, lengths, room, len(numbers) + 1)
+    followed, later = _rows(visits, own, lengths, frames_left, len(numbers) + 1)
     # A scenelet replaces itself as often as the one most similar to it.
     alike = np.array(similarity)
     np.fill_diagonal(alike, alike.max(1))
@@ -105,32 +116,35 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
         kinds=own,
         lengths=np.array(lengths),
         pelvis=np.ascontiguousarray(problem.joints[ends, PELV]),
-        room=room,
+        frames_left=frames_left,
         path=path,
         yaw=yaw,
         size=float(sizes.mean()) if len(sizes) else 0.0,
-        habits=np.zeros((len(lengths), 2, 4)),
-        strange=np.zeros(len(lengths), np.int64),
-        shares=_SHARES,
+        scenelet_deviations=np.zeros((len(lengths), 2, 4)),
+        rarely_visited=np.zeros(len(lengths), np.int64),
+        weights=_INITIAL_WEIGHTS,
         **_fields(followed, later, fitting, sums),
         similar_to=np.ascontiguousarray(alike.T),
         similar_sums=sums,
-        hazard=np.zeros(len(room)),
-        survival=np.zeros(len(room)),
-        fitting=np.zeros((len(room), len(lengths))),
-        fitting_sums=np.zeros((len(room), len(lengths))),
-        fitting_kinds=np.zeros((len(room), len(numbers) + 1)),
-        openings=np.append(fitting[::-1].cumsum()[::-1], 0),
+        hazard=np.zeros(len(frames_left)),
+        survival=np.zeros(len(frames_left)),
+        fitting=np.zeros((len(frames_left), len(lengths))),
+        fitting_sums=np.zeros((len(frames_left), len(lengths))),
+        fitting_kinds=np.zeros((len(frames_left), len(numbers) + 1)),
+        n_fitting_starts=np.append(fitting[::-1].cumsum()[::-1], 0),
         by_length=by_length,
         anywhere_mean=np.array(problem.start_mean),
         anywhere_deviation=np.sqrt(problem.start_variance),
         size_spread=float(problem.size_spread),
-        onward=np.zeros((2, 4, 4)),
+        displacement_regression=np.zeros((2, 4, 4)),
         factors=np.tile(np.eye(4), (3, 2, 1, 1)),
         constants=np.zeros((3, 2)),
     )
-    habits = _habits(reference, visits, alike)
-    reference = reference._replace(habits=habits.mean, strange=habits.strange)
+    deviations = _scenelet_deviations(reference, visits, alike)
+    reference = reference._replace(
+        scenelet_deviations=deviations.mean,
+        rarely_visited=deviations.rarely_visited,
+    )
     sequences = sequences_of(problem, gains_about(problem, gains, reference))
     of_kind = np.eye(len(numbers) + 1)[own]
     of_kind[:, 0] = 1.0
@@ -141,10 +155,12 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
         fitting_sums=np.cumsum(sequences.scenelets, 1),
         fitting_kinds=sequences.scenelets @ of_kind,
     )
-    reference = reference._replace(shares=_shares(reference, visits))
-    onward, factors = _scatter(reference, visits, habits.spread)
+    reference = reference._replace(weights=_component_weights(reference, visits))
+    displacement_regression, factors = _scatter(reference, visits, deviations.spread)
     peaks = np.array([[_log_peak(factor, yaw=True) for factor in row] for row in factors])
-    return reference._replace(onward=onward, factors=factors, constants=peaks)
+    return reference._replace(
+        displacement_regression=displacement_regression, factors=factors, constants=peaks
+    )
 
 
 def _log_peak(factor: Array, *, yaw: bool = False) -> float:
@@ -180,49 +196,51 @@ def _fields(followed: Rows, later: Rows, fitting: Ints, sums: Array) -> dict[str
     }
 
 
-def _shares(reference: Reference, visits: Visits) -> Array:
-    """Shares of the mixture that best predict one half of the visits from the other, by EM.
+def _component_weights(reference: Reference, visits: Visits) -> Array:
+    """Weights of the components that best predict one half of the visits from the other, by EM.
 
     Visits come chain by chain, so the halves are from different chains.
     """
     halves = visits.halves()
     if min(half.n_states for half in halves) == 0:
-        return _SHARES
-    foretelling = []
+        return _INITIAL_WEIGHTS
+    halves_predicted = []
     for known, other in (halves, halves[::-1]):
         followed, later = _rows(
             known,
             reference.kinds,
             reference.lengths,
-            reference.room,
+            reference.frames_left,
             int(reference.kinds.max()) + 1,
         )
         visited = other.arrays()
         counts = visited["counts"]
         some = np.arange(len(counts)) % max(1, len(counts) // _PREDICTED) == 0
-        rows = _fields(followed, later, -np.diff(reference.openings), reference.similar_sums)
+        rows = _fields(
+            followed, later, -np.diff(reference.n_fitting_starts), reference.similar_sums
+        )
         of_half = reference._replace(**rows)
-        foretelling.append((of_half, counts[some], visited["items"][np.repeat(some, counts)]))
-    shares = _SHARES
+        halves_predicted.append((of_half, counts[some], visited["items"][np.repeat(some, counts)]))
+    weights = _INITIAL_WEIGHTS
     for _ in range(_ROUNDS):
         joint = np.concatenate(
             [
-                foretell(of._replace(shares=shares), counts, items)
-                for of, counts, items in foretelling
+                component_probabilities(of._replace(weights=weights), counts, items)
+                for of, counts, items in halves_predicted
             ]
         )
-        before, shares = shares, (joint / joint.sum(1, keepdims=True)).mean(0)
-        if np.abs(shares - before).max() < _SETTLED:
+        before, weights = weights, (joint / joint.sum(1, keepdims=True)).mean(0)
+        if np.abs(weights - before).max() < _SETTLED:
             break
-    return _KEPT * _SHARES + (1.0 - _KEPT) * shares
+    return _KEPT * _INITIAL_WEIGHTS + (1.0 - _KEPT) * weights
 
 
 def _rows(
-    visits: Visits, kinds: Ints, lengths: Ints, room: Ints, n_kinds: int
+    visits: Visits, kinds: Ints, lengths: Ints, frames_left: Ints, n_kinds: int
 ) -> tuple[Rows, Rows]:
     """Rows of what followed (by kind and end of the scenelet before) and of what came later (by
     frame)."""
-    n_scenelets, n_frames = len(kinds), len(room) - 1
+    n_scenelets, n_frames = len(kinds), len(frames_left) - 1
     visited = visits.arrays()
     items, counts = visited["items"], visited["counts"]
     ends = np.cumsum(counts + 1)  # for each state its scenelets and the end of the scene
@@ -236,8 +254,8 @@ def _rows(
     kind[after_item] = kinds[items[:, 0]]
     end[after_item] = items[:, 1] + lengths[items[:, 0]]
     begun[after_item] = items[:, 1] + 1
-    followed = _followed(*_counted(kind, end, codes), lengths, room)
-    later = _later(*_counted(codes, begun), lengths, room)
+    followed = _followed(*_counted(kind, end, codes), lengths, frames_left)
+    later = _later(*_counted(codes, begun), lengths, frames_left)
     return _rows_of(followed, n_kinds * (n_frames + 1)), _rows_of(later, n_frames + 1)
 
 
@@ -253,10 +271,10 @@ def _counted(*columns: Ints) -> tuple[tuple[Ints, ...], Array]:
 Entries = list[tuple[Ints, Ints, Array]]
 
 
-def _followed(met: tuple[Ints, ...], weight: Array, lengths: Ints, room: Ints) -> Entries:
+def _followed(met: tuple[Ints, ...], weight: Array, lengths: Ints, frames_left: Ints) -> Entries:
     """Entries (row, code, weight) by kind and end of the scenelet before, smoothed in time."""
     kind, end_before, code = met
-    n_frames = len(room) - 1
+    n_frames = len(frames_left) - 1
     start, scenelet = np.divmod(code, len(lengths))
     ending = start == n_frames
     flush = ~ending & (start == end_before) & (kind > 0)
@@ -267,19 +285,28 @@ def _followed(met: tuple[Ints, ...], weight: Array, lengths: Ints, room: Ints) -
         row = kind * (n_frames + 1) + end
         last = sound & ending
         parts = [(row[last], code[last], share * weight[last])]
-        _add(parts, row, end, scenelet, share * weight, sound & flush, lengths, room)
+        _add(parts, row, end, scenelet, share * weight, sound & flush, lengths, frames_left)
         for off, part in _SHIFTS.items():
             where = sound & ~flush & ~ending & (start + off >= end)
-            _add(parts, row, start + off, scenelet, share * part * weight, where, lengths, room)
+            _add(
+                parts,
+                row,
+                start + off,
+                scenelet,
+                share * part * weight,
+                where,
+                lengths,
+                frames_left,
+            )
         entries.append(_merged(parts))
     return entries
 
 
-def _later(met: tuple[Ints, ...], weight: Array, lengths: Ints, room: Ints) -> Entries:
+def _later(met: tuple[Ints, ...], weight: Array, lengths: Ints, frames_left: Ints) -> Entries:
     """Entries (frame, code, weight) for each frame from ``begun`` up to the start of the code,
     smoothed in time."""
     code, begun = met
-    n_frames = len(room) - 1
+    n_frames = len(frames_left) - 1
     start, scenelet = np.divmod(code, len(lengths))
     # The same code counts in each frame as often as it was met with an earlier ``begun``.
     first = np.flatnonzero(np.diff(code, prepend=-1))
@@ -291,7 +318,7 @@ def _later(met: tuple[Ints, ...], weight: Array, lengths: Ints, room: Ints) -> E
     for by, share in _SHIFTS.items():
         begins = np.where(start == n_frames, n_frames, start + by)
         fits = (begins >= 0) & (begins <= n_frames)
-        fits &= (start == n_frames) | (lengths[scenelet] <= room[begins.clip(0, n_frames)])
+        fits &= (start == n_frames) | (lengths[scenelet] <= frames_left[begins.clip(0, n_frames)])
         span = np.where(fits, np.minimum(until, begins + 1) - begun, 0).clip(0)
         of = np.repeat(np.arange(len(code)), span)
         frame = np.arange(len(of)) - np.repeat(span.cumsum() - span, span) + begun[of]
@@ -308,12 +335,12 @@ def _add(
     weight: Array,
     sound: NDArray[np.bool_],
     lengths: Ints,
-    room: Ints,
+    frames_left: Ints,
 ) -> None:
     """Append entries (row, code, weight) for scenelets that fit before the end of their frames."""
-    n_frames = len(room) - 1
+    n_frames = len(frames_left) - 1
     fits = sound & (start >= 0) & (start < n_frames)
-    fits &= lengths[scenelet] <= room[start.clip(0, n_frames)]
+    fits &= lengths[scenelet] <= frames_left[start.clip(0, n_frames)]
     codes = start * len(lengths) + scenelet
     entries.append((row[fits], codes[fits], weight[fits]))
 
@@ -359,7 +386,7 @@ def _pelvis_by_frame(
                 continue
             where[0], where[1] = x / y, math.log(y)
             where[2], where[3] = places[k, 2], sizes[k]
-            carry(height, where, cameras[k], problem.camera_mean)
+            reproject_pelvis(height, where, cameras[k], problem.camera_mean)
             sums[start + n - first, 0] += where[0]
             sums[start + n - first, 1] += where[1]
             sums[start + n - first, 2] += 1.0
@@ -367,13 +394,13 @@ def _pelvis_by_frame(
 
 
 @compiled
-def _expected_yaws(problem: Problem, room: Ints, yaws: Array) -> None:
+def _expected_yaws(problem: Problem, frames_left: Ints, yaws: Array) -> None:
     """Write to ``yaws`` (T, L) the yaw at which a scenelet with a given start faces as the static
     path."""
     for scenelet in range(yaws.shape[1]):
         length = problem.joint_first[scenelet + 1] - problem.joint_first[scenelet]
         for start in range(len(yaws)):
-            if length <= room[start]:
+            if length <= frames_left[start]:
                 along, aside = expected_facing(problem, scenelet, start)
                 yaws[start, scenelet] = math.atan2(aside, along)
 
@@ -385,7 +412,7 @@ def _smoothed(sums: Array, weights: Array) -> Array:
     kernel = (1.0 + (dt / _NEAR) ** 2) ** -2
     total = fftconvolve(sums, kernel[:, None], "same", axes=0)
     weight = fftconvolve(weights, kernel, "same")
-    mean: Array = total / (np.maximum(weight, 0.0) + _DOUBT[0])[:, None]
+    mean: Array = total / (np.maximum(weight, 0.0) + _PSEUDO_VISITS[0])[:, None]
     return mean
 
 
@@ -396,10 +423,10 @@ def _expectations(problem: Problem, visits: Visits) -> tuple[Array, Array]:
     scenelet, start = items.T
     cameras = np.repeat(visited["cameras"], visited["counts"], axis=0)
     sums = _pelvis_by_frame(problem, cameras, items, places, sizes)
-    static = static_path(problem)
+    static = static_pelvis_on_floor(problem)
     path = static + _smoothed(sums[:, :2] - static * sums[:, 2:], sums[:, 2])
     yaws = np.zeros((problem.n_frames, len(problem.lengths)))
-    _expected_yaws(problem, room_of(problem), yaws)
+    _expected_yaws(problem, frames_left_of(problem), yaws)
     middle = start + problem.lengths[scenelet] // 2
     turn = visited["where"][:, 2] - yaws[start, scenelet]
     seen: Array = np.stack(
@@ -412,28 +439,28 @@ def _expectations(problem: Problem, visits: Visits) -> tuple[Array, Array]:
     return path, yaws
 
 
-class _Habits(NamedTuple):
+class _SceneletDeviations(NamedTuple):
     """Mean deviation of each scenelet from the others, in its first and its last frame.
 
     Parameters
     ----------
     mean : (L, 2, 4) float
-    strange : (L,) int
+    rarely_visited : (L,) int
         1 for scenelets with too few visits of their own.
     spread : (4, 4) float
         Covariance of the unknown deviation of these, in addition to the scatter.
     """
 
     mean: Array
-    strange: Ints
+    rarely_visited: Ints
     spread: Array
 
 
-def _habits(reference: Reference, visits: Visits, alike: Array) -> _Habits:
+def _scenelet_deviations(reference: Reference, visits: Visits, alike: Array) -> _SceneletDeviations:
     visited = visits.arrays()
     places, sizes = to_floor(visited["where"])
     scenelet = visited["items"][:, 0]
-    offsets = usual_offsets(
+    offsets = mean_offsets(
         reference, visited["cameras"], visited["counts"], visited["items"], places, sizes
     ).reshape(-1, 8)
     sound = np.isfinite(offsets).all(1)
@@ -442,12 +469,14 @@ def _habits(reference: Reference, visits: Visits, alike: Array) -> _Habits:
     np.add.at(total, scenelet[sound], offsets[sound])
     weights = alike / alike.max(1)[:, None]
     np.fill_diagonal(weights, 0.0)
-    similar = weights @ total / (weights @ number + _DOUBT[1])[:, None]
-    mean = (total + _DOUBT[1] * similar) / (number + _DOUBT[1])[:, None]
-    known = number >= _DOUBT[1]
+    similar = weights @ total / (weights @ number + _PSEUDO_VISITS[1])[:, None]
+    mean = (total + _PSEUDO_VISITS[1] * similar) / (number + _PSEUDO_VISITS[1])[:, None]
+    known = number >= _PSEUDO_VISITS[1]
     off = (total[known] / number[known, None] - similar[known])[:, :4]
-    spread = (_IDS * _USUAL + off.T @ off) / (_IDS + len(off))
-    return _Habits(mean.reshape(-1, 2, 4), (~known).astype(np.int64), spread)
+    spread = (_COVARIANCE_SCENELETS * _PRIOR_COVARIANCE + off.T @ off) / (
+        _COVARIANCE_SCENELETS + len(off)
+    )
+    return _SceneletDeviations(mean.reshape(-1, 2, 4), (~known).astype(np.int64), spread)
 
 
 def _scatter(reference: Reference, visits: Visits, spread: Array) -> tuple[Array, Array]:
@@ -457,17 +486,21 @@ def _scatter(reference: Reference, visits: Visits, spread: Array) -> tuple[Array
     rows, before, offsets = displacements(
         reference, visited["cameras"], visited["counts"], visited["items"], places, sizes
     )
-    known = reference.strange[visited["items"][:, 0]] == 0
-    onward, factors = np.zeros((2, 4, 4)), np.empty((3, 2, 4, 4))
-    for row, usual in ((FIRST, _USUAL), (FLUSH, _STEP), (GAP, _USUAL)):
+    known = reference.rarely_visited[visited["items"][:, 0]] == 0
+    displacement_regression, factors = np.zeros((2, 4, 4)), np.empty((3, 2, 4, 4))
+    for row, prior in (
+        (FIRST, _PRIOR_COVARIANCE),
+        (FLUSH, _PRIOR_FLUSH_COVARIANCE),
+        (GAP, _PRIOR_COVARIANCE),
+    ):
         x, y = before[known & (rows == row)], offsets[known & (rows == row)]
         beyond = np.array(spread)
         if row != FIRST:
-            gram = x.T @ x + _STATES * _USUAL
-            onward[row - 1] = np.linalg.solve(gram, x.T @ y).T
-            y = y - x @ onward[row - 1].T
+            gram = x.T @ x + _COVARIANCE_VISITS * _PRIOR_COVARIANCE
+            displacement_regression[row - 1] = np.linalg.solve(gram, x.T @ y).T
+            y = y - x @ displacement_regression[row - 1].T
         if row == FLUSH:
             beyond[:2], beyond[:, :2] = 0.0, 0.0
-        scatter = (_STATES * usual + y.T @ y) / (_STATES + len(y))
+        scatter = (_COVARIANCE_VISITS * prior + y.T @ y) / (_COVARIANCE_VISITS + len(y))
         factors[row] = np.linalg.cholesky(np.stack([scatter, scatter + beyond]))
-    return onward, factors
+    return displacement_regression, factors

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.view import floor_point, log_area, seen_point
 from imapper_prob.sampling.jit import inner
 from imapper_prob.sampling.reference import Reference, draw_summed
-from imapper_prob.sampling.scene import Scene, flush_run
+from imapper_prob.sampling.scene import StateArrays, flush_run
 
 __all__ = ["refresh_path", "replace_similar", "shift", "walk_placement"]
 
@@ -34,8 +34,8 @@ _STRENGTHS: Final = (0.2, 1.0)
 
 @inner
 def replace_similar(
-    reference: Reference, rng: np.random.Generator, scene: Scene
-) -> tuple[Scene, float]:
+    reference: Reference, rng: np.random.Generator, scene: StateArrays
+) -> tuple[StateArrays, float]:
     """Replace a scenelet by one of similar motion, at the same placement and centre frame.
 
     Parameters
@@ -43,11 +43,11 @@ def replace_similar(
     reference : Reference
         It has the weights of other scenelets.
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene, float
+    StateArrays, float
     """
     if len(scene.items) == 0:
         return scene, -math.inf
@@ -65,12 +65,12 @@ def replace_similar(
     items[index, 1] += lengths[old] // 2 - lengths[new] // 2
     ratio = math.log(similar_to[old, new] / (sums[new, -1] - similar_to[new, new]))
     ratio -= math.log(similar_to[new, old] / others)
-    return Scene(scene.camera, items, scene.placements, scene.sizes, scene.latent), ratio
+    return StateArrays(scene.camera, items, scene.placements, scene.sizes, scene.latent), ratio
 
 
 @inner
-def shift(lengths: Ints, rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
-    """Shift a scenelet by a few frames, alone or with those it adjoins without a gap.
+def shift(lengths: Ints, rng: np.random.Generator, scene: StateArrays) -> tuple[StateArrays, float]:
+    """Shift a scenelet by a few frames, alone or with those it is flush with.
 
     Where one scenelet ends as the next begins, the pose jumps only once, so separating them is
     costly. Symmetric.
@@ -79,11 +79,11 @@ def shift(lengths: Ints, rng: np.random.Generator, scene: Scene) -> tuple[Scene,
     ----------
     lengths : (L,) int
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene, float
+    StateArrays, float
     """
     if len(scene.items) == 0:
         return scene, -math.inf
@@ -94,14 +94,14 @@ def shift(lengths: Ints, rng: np.random.Generator, scene: Scene) -> tuple[Scene,
     items = scene.items.copy()
     for k in range(first if together else index, last if together else index + 1):
         items[k, 1] += step
-    # If the shifted run adjoins others, the reverse move would shift those too: impossible.
+    # If the shifted run is flush with others, the reverse move would shift those too: impossible.
     if together and flush_run(lengths, items, index) != (first, last):
         return scene, -math.inf
-    return Scene(scene.camera, items, scene.placements, scene.sizes, scene.latent), 0.0
+    return StateArrays(scene.camera, items, scene.placements, scene.sizes, scene.latent), 0.0
 
 
 @inner
-def walk_placement(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+def walk_placement(rng: np.random.Generator, scene: StateArrays) -> tuple[StateArrays, float]:
     """Move one scenelet along and across the viewing ray, and turn it.
 
     Steps are normal in (bearing, log depth, yaw), at one of several scales, sometimes with half a
@@ -111,11 +111,11 @@ def walk_placement(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float
     Parameters
     ----------
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene, float
+    StateArrays, float
     """
     if len(scene.items) == 0:
         return scene, -math.inf
@@ -135,11 +135,13 @@ def walk_placement(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float
     placements[index, 0], placements[index, 1], placements[index, 2] = x, y, yaw
     if rng.random() < 0.5:
         sizes[index] += further
-    return Scene(scene.camera, scene.items, placements, sizes, scene.latent), log_area(further)
+    return StateArrays(scene.camera, scene.items, placements, sizes, scene.latent), log_area(
+        further
+    )
 
 
 @inner
-def refresh_path(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+def refresh_path(rng: np.random.Generator, scene: StateArrays) -> tuple[StateArrays, float]:
     """Refresh the latent variables of a stretch of the path by preconditioned Crank-Nicolson.
 
     The proposal is reversible with respect to the normal distribution of these variables, which is
@@ -148,11 +150,11 @@ def refresh_path(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
     Parameters
     ----------
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene, float
+    StateArrays, float
     """
     first = int(rng.integers(1 - _STRETCH, len(scene.latent)))
     strength = _STRENGTHS[rng.integers(0, len(_STRENGTHS))]
@@ -161,4 +163,4 @@ def refresh_path(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
     for t in range(max(first, 0), min(first + _STRETCH, len(latent))):
         for i in range(2):
             latent[t, i] = kept * latent[t, i] + strength * rng.standard_normal()
-    return Scene(scene.camera, scene.items, scene.placements, scene.sizes, latent), 0.0
+    return StateArrays(scene.camera, scene.items, scene.placements, scene.sizes, latent), 0.0

@@ -16,24 +16,24 @@ from numpy.typing import NDArray
 from imapper_prob.models.view import floor_point
 from imapper_prob.sampling.jit import compiled, inner
 from imapper_prob.sampling.reference import (
-    ADJOINING,
     ANYWHERE,
-    ASTRAY,
     COMPONENTS,
     DOF,
-    ENDS,
+    END_PROBABILITY,
     FITTING,
+    FLUSH_NEXT,
     FOLLOWED,
     NONE_BEFORE,
+    PRIOR_PLACEMENT_WEIGHT,
     SAME_KIND,
     SIMILAR,
     START,
     Reference,
     draw_summed,
 )
-from imapper_prob.sampling.reference_density import log_reference, log_stretch, shares_after
-from imapper_prob.sampling.reference_placement import expected, leaves
-from imapper_prob.sampling.scene import Scene
+from imapper_prob.sampling.reference_density import log_reference, log_stretch, weights_after
+from imapper_prob.sampling.reference_placement import end_pose, placement_centre
+from imapper_prob.sampling.scene import StateArrays
 
 __all__ = ["draw_scene", "redraw_scene", "redraw_stretch", "set_placement", "with_stretch"]
 
@@ -44,7 +44,7 @@ _INSERTED: Final = 0.05
 """Weight of redrawing a gap between scenelets, where a single scenelet has 1/2; chosen: in most
 gaps nothing is drawn."""
 _GROUP: Final = 0.5
-"""Additional weight of redrawing a whole group of adjoining scenelets; chosen: some can only be
+"""Additional weight of redrawing a whole group of flush scenelets; chosen: some can only be
 exchanged for others together."""
 _NOTHING: Final = -1
 """Code for the end of the scene."""
@@ -55,7 +55,7 @@ _NOTHING: Final = -1
 
 
 @compiled
-def draw_scene(reference: Reference, rng: np.random.Generator) -> Scene:
+def draw_scene(reference: Reference, rng: np.random.Generator) -> StateArrays:
     """Draw a scene from the reference.
 
     Parameters
@@ -65,20 +65,20 @@ def draw_scene(reference: Reference, rng: np.random.Generator) -> Scene:
 
     Returns
     -------
-    Scene
+    StateArrays
         It may lie outside the support of the posterior.
     """
-    n_frames = len(reference.room) - 1
+    n_frames = len(reference.frames_left) - 1
     camera = reference.camera_mean + _draw_t(reference.camera_factor, rng)
     latent = rng.standard_normal((n_frames, 2))
-    empty = Scene(camera, np.empty((0, 2), np.int64), np.empty((0, 3)), np.empty(0), latent)
+    empty = StateArrays(camera, np.empty((0, 2), np.int64), np.empty((0, 3)), np.empty(0), latent)
     return with_stretch(reference, rng, empty, START, START)[0]
 
 
 @inner
 def with_stretch(
-    reference: Reference, rng: np.random.Generator, scene: Scene, first: int, last: int
-) -> tuple[Scene, int]:
+    reference: Reference, rng: np.random.Generator, scene: StateArrays, first: int, last: int
+) -> tuple[StateArrays, int]:
     """Redraw consecutive scenelets of a scene, given the others and the camera.
 
     See :func:`imapper_prob.sampling.reference_density.log_stretch`.
@@ -87,46 +87,46 @@ def with_stretch(
     ----------
     reference : Reference
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
     first, last : int
         Index of the first one, and the index after the last.
 
     Returns
     -------
-    Scene
+    StateArrays
         The last new scenelet may overlap the next one.
     int
         Number of new scenelets.
     """
     camera = scene.camera
-    n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
+    n_scenelets, n_frames = len(reference.kinds), len(reference.frames_left) - 1
     stop = scene.items[last, 1] if last < len(scene.items) else n_frames
     most = n_frames // reference.lengths[reference.by_length[0]] + 1
     items, placements, sizes = np.empty((most, 2), np.int64), np.empty((most, 3)), np.empty(most)
     kind, end, left, n = START, START, NONE_BEFORE, 0
-    before, middle, shares = np.empty((2, 4)), np.empty((2, 4)), np.empty(COMPONENTS)
+    before, middle, weights = np.empty((2, 4)), np.empty((2, 4)), np.empty(COMPONENTS)
     if first > 0:
         scenelet, start = scene.items[first - 1]
         place, size = scene.placements[first - 1], scene.sizes[first - 1]
-        left = leaves(reference, camera, scenelet, start, place, size, before)
+        left = end_pose(reference, camera, scenelet, start, place, size, before)
         kind, end = reference.kinds[scenelet], start + reference.lengths[scenelet]
     while end <= stop:
-        shares_after(reference, kind, end, shares)
-        of = _draw(shares, rng)
+        weights_after(reference, kind, end, weights)
+        of = _draw(weights, rng)
         code = _draw_next(reference, rng, of, kind, end)
         if code == _NOTHING or code >= stop * n_scenelets:
             break
         if of == SIMILAR:
             code = _draw_similar(reference, rng, code)
         start, scenelet = code // n_scenelets, code % n_scenelets
-        row = expected(reference, camera, scenelet, start, left, before, middle)
+        row = placement_centre(reference, camera, scenelet, start, left, before, middle)
         where = _draw_where(reference, rng, row, scenelet, middle[0])
         items[n, 0], items[n, 1], sizes[n] = scenelet, start, where[3]
         set_placement(reference, camera, scenelet, where, placements[n])
-        left = leaves(reference, camera, scenelet, start, placements[n], sizes[n], before)
+        left = end_pose(reference, camera, scenelet, start, placements[n], sizes[n], before)
         kind, end = reference.kinds[scenelet], start + reference.lengths[scenelet]
         n += 1
-    changed = Scene(
+    changed = StateArrays(
         camera,
         np.concatenate((scene.items[:first], items[:n], scene.items[last:])),
         np.concatenate((scene.placements[:first], placements[:n], scene.placements[last:])),
@@ -164,7 +164,7 @@ def _draw_t(factor: Array, rng: np.random.Generator) -> Array:
 def _draw_next(reference: Reference, rng: np.random.Generator, of: int, kind: int, end: int) -> int:
     """Draw the code of the next scenelet from a component; for SIMILAR, that of the one it
     resembles."""
-    n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
+    n_scenelets, n_frames = len(reference.kinds), len(reference.frames_left) - 1
     if of == FOLLOWED:
         row = kind * (n_frames + 1) + end
         low, high = reference.followed_first[row], reference.followed_first[row + 1]
@@ -174,11 +174,11 @@ def _draw_next(reference: Reference, rng: np.random.Generator, of: int, kind: in
         low, high = reference.later_first[end], reference.later_first[end + 1]
         code = reference.later[low + _draw(reference.later_probability[low:high], rng)]
         return _NOTHING if code == n_frames * n_scenelets else code
-    if of == ADJOINING:
+    if of == FLUSH_NEXT:
         if reference.fitting_kinds[end, kind] > 0.0 and rng.random() < SAME_KIND:
             return end * n_scenelets + _draw_of_kind(reference, rng, kind, end)
         return end * n_scenelets + draw_summed(reference.fitting_sums, end, n_scenelets, rng)
-    if rng.random() < ENDS:
+    if rng.random() < END_PROBABILITY:
         return _NOTHING
     if of == FITTING:
         for start in range(end, n_frames):
@@ -186,12 +186,14 @@ def _draw_next(reference: Reference, rng: np.random.Generator, of: int, kind: in
                 chosen = draw_summed(reference.fitting_sums, start, n_scenelets, rng)
                 return start * n_scenelets + chosen
         return _NOTHING
-    if of != ANYWHERE or reference.openings[end] == 0:
+    if of != ANYWHERE or reference.n_fitting_starts[end] == 0:
         return _NOTHING
-    left = rng.integers(0, reference.openings[end])
-    # The last start from which there are more than `left` openings.
-    start = np.searchsorted(-reference.openings, -left, "left") - 1
-    return int(start * n_scenelets + reference.by_length[left - reference.openings[start + 1]])
+    left = rng.integers(0, reference.n_fitting_starts[end])
+    # The last start from which there are more than `left` fitting starts.
+    start = np.searchsorted(-reference.n_fitting_starts, -left, "left") - 1
+    return int(
+        start * n_scenelets + reference.by_length[left - reference.n_fitting_starts[start + 1]]
+    )
 
 
 @inner
@@ -200,7 +202,7 @@ def _draw_similar(reference: Reference, rng: np.random.Generator, code: int) -> 
     n_scenelets = len(reference.kinds)
     start, scenelet = code // n_scenelets, code % n_scenelets
     # The scenelets that fit there are the first ones by length.
-    n = reference.openings[start] - reference.openings[start + 1]
+    n = reference.n_fitting_starts[start] - reference.n_fitting_starts[start + 1]
     other = reference.by_length[draw_summed(reference.similar_sums, scenelet, n, rng)]
     return int(start * n_scenelets + other)
 
@@ -224,16 +226,16 @@ def _draw_where(
 ) -> Array:
     """Draw bearing, log depth, yaw and log size of the pelvis in the first frame."""
     where = middle.copy()
-    if rng.random() < ASTRAY:
+    if rng.random() < PRIOR_PLACEMENT_WEIGHT:
         for i in range(2):
             where[i] = reference.anywhere_mean[i]
             where[i] += reference.anywhere_deviation[i] * rng.standard_normal()
         where[2] = rng.uniform(-math.pi, math.pi)
         where[3] = reference.size_spread * rng.standard_normal()
         return where
-    offset = _draw_t(reference.factors[row, reference.strange[scenelet]], rng)
+    offset = _draw_t(reference.factors[row, reference.rarely_visited[scenelet]], rng)
     while abs(offset[2]) > math.pi:
-        offset = _draw_t(reference.factors[row, reference.strange[scenelet]], rng)
+        offset = _draw_t(reference.factors[row, reference.rarely_visited[scenelet]], rng)
     return where + offset
 
 
@@ -268,19 +270,19 @@ def set_placement(
 
 @inner
 def redraw_scene(
-    reference: Reference, rng: np.random.Generator, scene: Scene
-) -> tuple[Scene, float]:
+    reference: Reference, rng: np.random.Generator, scene: StateArrays
+) -> tuple[StateArrays, float]:
     """Redraw everything: camera, scenelets and latent variables.
 
     Parameters
     ----------
     reference : Reference
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene, float
+    StateArrays, float
     """
     new = draw_scene(reference, rng)
     there = log_reference(reference, new.camera, new.items, new.placements, new.sizes)
@@ -290,23 +292,23 @@ def redraw_scene(
 
 @inner
 def redraw_stretch(
-    reference: Reference, rng: np.random.Generator, scene: Scene
-) -> tuple[Scene, float]:
+    reference: Reference, rng: np.random.Generator, scene: StateArrays
+) -> tuple[StateArrays, float]:
     """Redraw a run of consecutive scenelets or a gap, which may change their number.
 
     A run of n scenelets has weight 2^-n, because long ones are seldom accepted and cost more. Whole
-    groups of adjoining scenelets have more. Gaps have less, because nothing is drawn in most of
+    groups of flush scenelets have more. Gaps have less, because nothing is drawn in most of
     them.
 
     Parameters
     ----------
     reference : Reference
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene, float
+    StateArrays, float
         The move is impossible if a new scenelet overlaps the one after the run.
     """
     first, last = _draw_run(reference.lengths, scene.items, rng)
@@ -326,7 +328,7 @@ def redraw_stretch(
 
 @compiled
 def _groups(lengths: Ints, items: Ints) -> Ints:
-    """(G, 2) index of the first, and after the last, of each group of two or more adjoining
+    """(G, 2) index of the first, and after the last, of each group of two or more flush
     scenelets."""
     groups, n, first = np.empty((len(items) // 2, 2), np.int64), 0, 0
     for i in range(1, len(items) + 1):

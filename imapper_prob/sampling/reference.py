@@ -13,17 +13,17 @@ A scene is drawn as follows.
    (*followed*), whatever came next after this frame (*later*), a scenelet of similar motion instead
    of that (*similar*), one that explains the detections well (*fitting*,
    :mod:`imapper_prob.sampling.gains`), one of these that begins in this frame, often with furniture
-   of the same kind (*adjoining*), and any scenelet at any start (*anywhere*). Each component but
-   *adjoining* may end the scene. The shares of the components are those that best predict one half
+   of the same kind (*flush*), and any scenelet at any start (*anywhere*). Each component but
+   *flush* may end the scene. The weights of the components are those that best predict one half
    of the visits from the other.
 3. The placement of a scenelet is given by the position of the pelvis in its first frame, in camera
    coordinates (:mod:`imapper_prob.models.view`). The visits of all scenelets determine the mean
-   position in each frame; a displacement from it is drawn. A scenelet that begins where the one
-   before it ends continues from its last pelvis. After a gap it has a part of the displacement of
+   position in each frame; a displacement from it is drawn. A scenelet that is flush with the one
+   before it continues from its last pelvis. After a gap it has a part of the displacement of
    the one before, because the error of the path persists. Yaw and size are about those of visits
    of this scenelet and of similar ones. Means are transformed to the drawn camera
-   (:mod:`imapper_prob.sampling.looks`). With a small probability the placement comes from the
-   prior.
+   (:mod:`imapper_prob.sampling.image_pelvis`). With a small probability the placement comes from
+   the prior.
 4. The latent variables of the path have their normal distribution, which the densities here do not
    include.
 
@@ -44,19 +44,19 @@ from numpy.typing import NDArray
 from imapper_prob.sampling.jit import inner, inner_inlined
 
 __all__ = [
-    "ADJOINING",
     "ANYWHERE",
-    "ASTRAY",
     "COMPONENTS",
     "DOF",
-    "ENDS",
+    "END_PROBABILITY",
     "FIRST",
     "FITTING",
     "FLUSH",
+    "FLUSH_NEXT",
     "FOLLOWED",
     "GAP",
     "LATER",
     "NONE_BEFORE",
+    "PRIOR_PLACEMENT_WEIGHT",
     "SAME_KIND",
     "SIMILAR",
     "START",
@@ -73,20 +73,21 @@ START: Final[Any] = np.int64(0)
 because numba compiles callees anew for a literal."""
 NONE_BEFORE: Final[Any] = np.int64(-1)
 """End of the scenelet before the first one; an int64 like ``START``."""
-ENDS: Final = 0.2
+END_PROBABILITY: Final = 0.2
 """Probability that the components fitting and anywhere end the scene; chosen."""
 SAME_KIND: Final = 0.75
-"""Probability that an adjoining scenelet has furniture of the kind of the one before; chosen."""
-ASTRAY: Final = 0.05
+"""Probability that a scenelet of the component flush has furniture of the kind of the one before;
+chosen."""
+PRIOR_PLACEMENT_WEIGHT: Final = 0.05
 """Probability that a placement comes from the prior; chosen."""
 DOF: Final = 5.0
 """Degrees of freedom for camera and placements: heavy tails for unvisited values; chosen."""
 COMPONENTS: Final = 6
-FOLLOWED, LATER, SIMILAR, FITTING, ANYWHERE, ADJOINING = range(COMPONENTS)
+FOLLOWED, LATER, SIMILAR, FITTING, ANYWHERE, FLUSH_NEXT = range(COMPONENTS)
 """Components of the mixture."""
 FIRST, FLUSH, GAP = range(3)
-"""Rows of the displacement factors: the first scenelet, one that begins where the one before it
-ends, and one that begins later."""
+"""Rows of the displacement factors: the first scenelet, one that is flush with the one before it,
+and one that begins later."""
 
 
 class Reference(NamedTuple):
@@ -107,7 +108,7 @@ class Reference(NamedTuple):
         Kind of furniture, from 1 (0 is the beginning of the scene), and number of frames.
     pelvis : (L, 2, 3) float
         Pelvis in the first and last frame, local frame, metres of the reference body.
-    room : (T + 1,) int
+    frames_left : (T + 1,) int
         Number of frames from each frame to the end of its person's frames.
     path : (T, 2) float
         Mean bearing and log depth of the pelvis in each frame.
@@ -115,20 +116,20 @@ class Reference(NamedTuple):
         Mean yaw of each scenelet by its start, radians.
     size : float
         Mean log size.
-    habits : (L, 2, 4) float
-        Deviation of each scenelet from these means in its first and in its last frame: bearing, log
-        depth, yaw, log size.
-    strange : (L,) int
+    scenelet_deviations : (L, 2, 4) float
+        Mean deviation of each scenelet from these means in its first and in its last frame:
+        bearing, log depth, yaw, log size.
+    rarely_visited : (L,) int
         1 for scenelets with too few visits of their own.
-    shares : (6,) float
-        Shares of the mixture's components: followed, later, similar, fitting, anywhere,
-        adjoining.
+    weights : (6,) float
+        Weights of the mixture's components: followed, later, similar, fitting, anywhere, flush.
     followed_first, followed, followed_probability : (K (T + 1) + 1,), (E,), (E,)
         Rows by kind, then by the frame at which the scenelet before ended.
     later_first, later, later_probability : (T + 2,), (F,), (F,)
         Rows by that frame only.
     later_similar : (F,) float
-        The latter over the sum of weights of all scenelets that can replace this one there.
+        ``later_probability`` divided by the sum of the similarity weights of all scenelets that fit
+        at the same start; 0 for the end of the scene.
     similar_to : (L, L) float
         Weight by which each scenelet replaces each other one or itself; its columns are not
         normalised.
@@ -141,7 +142,7 @@ class Reference(NamedTuple):
     fitting_kinds : (T + 1, K) float
         Sums of these over the scenelets of each kind, and over all in the first column; 0 where
         nothing fits.
-    openings : (T + 2,) int
+    n_fitting_starts : (T + 2,) int
         Number of pairs of scenelet and start, from each frame on, that fit.
     by_length : (L,) int
         Scenelets in order of length.
@@ -149,8 +150,8 @@ class Reference(NamedTuple):
         Mean and standard deviation of bearing and log depth in the prior.
     size_spread : float
         Prior standard deviation of the log size.
-    onward : (2, 4, 4) float
-        Regression of a displacement on that of the scenelet before, adjoining or after a gap.
+    displacement_regression : (2, 4, 4) float
+        Regression of a displacement on that of the scenelet before, flush or after a gap.
     factors, constants : (3, 2, 4, 4), (3, 2) float
         Lower Cholesky factors of displacements, and log densities at their centres; the second
         column is for scenelets with too few visits.
@@ -163,13 +164,13 @@ class Reference(NamedTuple):
     kinds: Ints
     lengths: Ints
     pelvis: Array
-    room: Ints
+    frames_left: Ints
     path: Array
     yaw: Array
     size: float
-    habits: Array
-    strange: Ints
-    shares: Array
+    scenelet_deviations: Array
+    rarely_visited: Ints
+    weights: Array
     followed_first: Ints
     followed: Ints
     followed_probability: Array
@@ -184,12 +185,12 @@ class Reference(NamedTuple):
     fitting: Array
     fitting_sums: Array
     fitting_kinds: Array
-    openings: Ints
+    n_fitting_starts: Ints
     by_length: Ints
     anywhere_mean: Array
     anywhere_deviation: Array
     size_spread: float
-    onward: Array
+    displacement_regression: Array
     factors: Array
     constants: Array
 

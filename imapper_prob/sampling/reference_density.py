@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from imapper_prob.sampling.jit import compiled, inner, inner_inlined
 from imapper_prob.sampling.reference import (
-    ADJOINING,
     ANYWHERE,
     COMPONENTS,
-    ENDS,
+    END_PROBABILITY,
     FITTING,
+    FLUSH_NEXT,
     FOLLOWED,
     LATER,
     NONE_BEFORE,
@@ -23,9 +23,15 @@ from imapper_prob.sampling.reference import (
     Reference,
     log_t,
 )  # fmt: skip
-from imapper_prob.sampling.reference_placement import leaves, log_placement
+from imapper_prob.sampling.reference_placement import end_pose, log_placement
 
-__all__ = ["foretell", "log_reference", "log_stretch", "next_probability", "shares_after"]
+__all__ = [
+    "component_probabilities",
+    "log_reference",
+    "log_stretch",
+    "next_probability",
+    "weights_after",
+]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -51,8 +57,8 @@ def _find(codes: Ints, first: int, last: int, code: int) -> int:
 
 
 @inner_inlined
-def shares_after(reference: Reference, kind: int, end: int, shares: Array) -> None:
-    """Shares of the mixture after a scenelet of a given kind that ended at a given frame.
+def weights_after(reference: Reference, kind: int, end: int, weights: Array) -> None:
+    """Weights of the components after a scenelet of a given kind that ended at a given frame.
 
     Parameters
     ----------
@@ -61,27 +67,27 @@ def shares_after(reference: Reference, kind: int, end: int, shares: Array) -> No
         Kind of the scenelet before, 0 at the beginning.
     end : int
         Frame after its last one.
-    shares : (6,) float
+    weights : (6,) float
         Output.
     """
     for c in range(COMPONENTS):
-        shares[c] = reference.shares[c]
+        weights[c] = reference.weights[c]
     if kind == 0 or reference.fitting_kinds[end, 0] == 0.0:
-        shares[FITTING], shares[ADJOINING] = shares[FITTING] + shares[ADJOINING], 0.0
-    row = kind * len(reference.room) + end
+        weights[FITTING], weights[FLUSH_NEXT] = weights[FITTING] + weights[FLUSH_NEXT], 0.0
+    row = kind * len(reference.frames_left) + end
     if reference.followed_first[row] == reference.followed_first[row + 1]:
-        shares[LATER], shares[FOLLOWED] = shares[LATER] + shares[FOLLOWED], 0.0
+        weights[LATER], weights[FOLLOWED] = weights[LATER] + weights[FOLLOWED], 0.0
     if reference.later_first[end] == reference.later_first[end + 1]:
-        shares[ANYWHERE] += shares[LATER] + shares[SIMILAR]
-        shares[LATER], shares[SIMILAR] = 0.0, 0.0
+        weights[ANYWHERE] += weights[LATER] + weights[SIMILAR]
+        weights[LATER], weights[SIMILAR] = 0.0, 0.0
 
 
 @inner_inlined
-def _begins(reference: Reference, end: int, start: int) -> float:
+def _start_probability(reference: Reference, end: int, start: int) -> float:
     """Probability that the first fitting one from frame ``end`` on begins at ``start``; the end of
     the clip stands for none."""
     none = math.exp(reference.survival[start] - reference.survival[end])
-    return none * reference.hazard[start] if start < len(reference.room) - 1 else none
+    return none * reference.hazard[start] if start < len(reference.frames_left) - 1 else none
 
 
 @inner_inlined
@@ -95,8 +101,8 @@ def _at_start(reference: Reference, end: int, start: int) -> tuple[int, int]:
 
 
 @inner_inlined
-def _adjoins(reference: Reference, kind: int, end: int, scenelet: int) -> float:
-    """Probability of a scenelet that adjoins one of a given kind."""
+def _flush_probability(reference: Reference, kind: int, end: int, scenelet: int) -> float:
+    """Probability under the component flush of a scenelet after one of a given kind."""
     of_kind = reference.fitting_kinds[end, kind]
     same = SAME_KIND if of_kind > 0.0 else 0.0
     total = 1.0 - same
@@ -121,8 +127,8 @@ def next_probability(
     probability : (6,) float
         Output; the sum is the probability under the mixture.
     """
-    shares_after(reference, kind, end, probability)
-    n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
+    weights_after(reference, kind, end, probability)
+    n_scenelets, n_frames = len(reference.kinds), len(reference.frames_left) - 1
     row = kind * (n_frames + 1) + end
     at = _find(
         reference.followed, reference.followed_first[row], reference.followed_first[row + 1], code
@@ -131,16 +137,16 @@ def next_probability(
     at = _find(reference.later, reference.later_first[end], reference.later_first[end + 1], code)
     met = reference.later_probability[at] if at >= 0 else 0.0
     probability[LATER] *= met
-    openings = reference.openings[end]
+    n_fitting_starts = reference.n_fitting_starts[end]
     if code == n_frames * n_scenelets:
-        none = _begins(reference, end, n_frames)
+        none = _start_probability(reference, end, n_frames)
         probability[SIMILAR] *= met
-        probability[FITTING] *= ENDS + (1.0 - ENDS) * none
-        probability[ANYWHERE] *= ENDS if openings > 0 else 1.0
-        probability[ADJOINING] = 0.0
+        probability[FITTING] *= END_PROBABILITY + (1.0 - END_PROBABILITY) * none
+        probability[ANYWHERE] *= END_PROBABILITY if n_fitting_starts > 0 else 1.0
+        probability[FLUSH_NEXT] = 0.0
         return
     start, scenelet = code // n_scenelets, code % n_scenelets
-    if start < end or reference.lengths[scenelet] > reference.room[start]:
+    if start < end or reference.lengths[scenelet] > reference.frames_left[start]:
         for c in range(COMPONENTS):
             probability[c] = 0.0
         return
@@ -149,14 +155,20 @@ def next_probability(
         other = reference.later[at] - start * n_scenelets
         alike += reference.later_similar[at] * reference.similar_to[scenelet, other]
     probability[SIMILAR] *= alike
-    begins = _begins(reference, end, start) if reference.fitting[start, scenelet] > 0.0 else 0.0
-    probability[FITTING] *= (1.0 - ENDS) * begins * reference.fitting[start, scenelet]
-    probability[ANYWHERE] *= (1.0 - ENDS) / openings
-    probability[ADJOINING] *= _adjoins(reference, kind, end, scenelet) if start == end else 0.0
+    begins = (
+        _start_probability(reference, end, start)
+        if reference.fitting[start, scenelet] > 0.0
+        else 0.0
+    )
+    probability[FITTING] *= (1.0 - END_PROBABILITY) * begins * reference.fitting[start, scenelet]
+    probability[ANYWHERE] *= (1.0 - END_PROBABILITY) / n_fitting_starts
+    probability[FLUSH_NEXT] *= (
+        _flush_probability(reference, kind, end, scenelet) if start == end else 0.0
+    )
 
 
 @compiled
-def foretell(reference: Reference, counts: Ints, items: Ints) -> Array:
+def component_probabilities(reference: Reference, counts: Ints, items: Ints) -> Array:
     """Probability of each scenelet of N states, and of their ends, by component of the mixture.
 
     Parameters
@@ -177,7 +189,7 @@ def foretell(reference: Reference, counts: Ints, items: Ints) -> Array:
     for n in range(len(counts)):
         kind, end = START, START
         for i in range(counts[n] + 1):
-            code = (len(reference.room) - 1) * n_scenelets
+            code = (len(reference.frames_left) - 1) * n_scenelets
             if i < counts[n]:
                 code = items[k, 1] * n_scenelets + items[k, 0]
             next_probability(reference, kind, end, code, found[k + n])
@@ -191,11 +203,13 @@ def foretell(reference: Reference, counts: Ints, items: Ints) -> Array:
 
 
 @inner_inlined
-def _stops(reference: Reference, kind: int, end: int, start: int, shares: Array) -> float:
+def _stop_probability(
+    reference: Reference, kind: int, end: int, start: int, weights: Array
+) -> float:
     """Probability that nothing begins before ``start``; for the end of the clip, that the scene
-    ends. The shares are a workspace."""
-    shares_after(reference, kind, end, shares)
-    n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
+    ends. The weights are a workspace."""
+    weights_after(reference, kind, end, weights)
+    n_scenelets, n_frames = len(reference.kinds), len(reference.frames_left) - 1
     code = start * n_scenelets
     row = kind * (n_frames + 1) + end
     first, last = reference.followed_first[row], reference.followed_first[row + 1]
@@ -207,12 +221,20 @@ def _stops(reference: Reference, kind: int, end: int, start: int, shares: Array)
         later += reference.later_probability[at]
     none = math.exp(reference.survival[start] - reference.survival[end])
     empty = 1.0
-    if reference.openings[end] > 0:
-        empty = ENDS + (1.0 - ENDS) * reference.openings[start] / reference.openings[end]
-    total = shares[FOLLOWED] * followed + (shares[LATER] + shares[SIMILAR]) * later
-    total += shares[FITTING] * (ENDS + (1.0 - ENDS) * none) + shares[ANYWHERE] * empty
+    if reference.n_fitting_starts[end] > 0:
+        empty = (
+            END_PROBABILITY
+            + (1.0 - END_PROBABILITY)
+            * reference.n_fitting_starts[start]
+            / reference.n_fitting_starts[end]
+        )
+    total = weights[FOLLOWED] * followed + (weights[LATER] + weights[SIMILAR]) * later
+    total += (
+        weights[FITTING] * (END_PROBABILITY + (1.0 - END_PROBABILITY) * none)
+        + weights[ANYWHERE] * empty
+    )
     if start == end:
-        total += shares[ADJOINING]
+        total += weights[FLUSH_NEXT]
     return float(total)
 
 
@@ -266,7 +288,7 @@ def _log_stretch(
     before: Array,
     work: Array,
 ) -> float:
-    n_scenelets, n_frames = len(reference.kinds), len(reference.room) - 1
+    n_scenelets, n_frames = len(reference.kinds), len(reference.frames_left) - 1
     kind, end, left, total = START, START, NONE_BEFORE, 0.0
     for k in range(max(first - 1, 0), last):
         scenelet, start = items[k, 0], items[k, 1]
@@ -282,12 +304,12 @@ def _log_stretch(
             )
             if total == -math.inf:
                 return total
-        left = leaves(reference, camera, scenelet, start, placements[k], sizes[k], before)
+        left = end_pose(reference, camera, scenelet, start, placements[k], sizes[k], before)
         kind, end = reference.kinds[scenelet], start + reference.lengths[scenelet]
     stop = items[last, 1] if last < len(items) else n_frames
     if end > stop:
         return -math.inf
-    return float(total + math.log(_stops(reference, kind, end, stop, probability)))
+    return float(total + math.log(_stop_probability(reference, kind, end, stop, probability)))
 
 
 @compiled

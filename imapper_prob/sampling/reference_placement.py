@@ -9,11 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.view import log_area
+from imapper_prob.sampling.image_pelvis import reproject_pelvis
 from imapper_prob.sampling.jit import compiled, inner, inner_inlined
-from imapper_prob.sampling.looks import carry
-from imapper_prob.sampling.reference import ASTRAY, FIRST, FLUSH, GAP, NONE_BEFORE, Reference, log_t
+from imapper_prob.sampling.reference import (
+    FIRST,
+    FLUSH,
+    GAP,
+    NONE_BEFORE,
+    PRIOR_PLACEMENT_WEIGHT,
+    Reference,
+    log_t,
+)
 
-__all__ = ["displacements", "expected", "leaves", "log_placement", "usual_offsets"]
+__all__ = ["displacements", "end_pose", "log_placement", "mean_offsets", "placement_centre"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -40,7 +48,7 @@ def _pelvis_of(
 
 
 @inner_inlined
-def _usual(
+def _mean_position(
     reference: Reference, camera: Array, scenelet: int, start: int, last: int, where: Array
 ) -> None:
     """Write the mean position of a scenelet's pelvis over visits, transformed to a camera."""
@@ -48,9 +56,9 @@ def _usual(
     where[0], where[1] = reference.path[frame, 0], reference.path[frame, 1]
     where[2], where[3] = reference.yaw[start, scenelet], reference.size
     for i in range(4):
-        where[i] += reference.habits[scenelet, last, i]
+        where[i] += reference.scenelet_deviations[scenelet, last, i]
     height = reference.pelvis[scenelet, last, 2]
-    carry(height, where, reference.library_camera, camera)
+    reproject_pelvis(height, where, reference.library_camera, camera)
 
 
 @inner_inlined
@@ -68,7 +76,7 @@ def _multiply(matrix: Array, vector: Array, product: Array) -> None:
 
 
 @inner_inlined
-def expected(
+def placement_centre(
     reference: Reference,
     camera: Array,
     scenelet: int,
@@ -79,7 +87,8 @@ def expected(
 ) -> int:
     """Centre of the distribution of a scenelet's pelvis in its first frame, and its factor's row.
 
-    For a scenelet that adjoins the one before, the position continues from that one's last pelvis.
+    For a scenelet that is flush with the one before, the position continues from that one's last
+    pelvis.
 
     Parameters
     ----------
@@ -100,7 +109,7 @@ def expected(
     int
         Row of the displacement factors.
     """
-    _usual(reference, camera, scenelet, start, 0, middle[0])
+    _mean_position(reference, camera, scenelet, start, 0, middle[0])
     if end < 0:
         return FIRST
     row = FLUSH if start == end else GAP
@@ -108,14 +117,14 @@ def expected(
         for i in range(2):
             step = reference.path[start, i] - reference.path[end - 1, i]
             middle[0, i] = before[0, i] + step
-    _multiply(reference.onward[row - 1], before[1], middle[1])
+    _multiply(reference.displacement_regression[row - 1], before[1], middle[1])
     for i in range(4):
         middle[0, i] += middle[1, i]
     return row
 
 
 @inner_inlined
-def leaves(
+def end_pose(
     reference: Reference,
     camera: Array,
     scenelet: int,
@@ -136,7 +145,7 @@ def leaves(
     place : (3,) float
     size : float
     before : (2, 4) float
-        Output, see :func:`expected`.
+        Output, see :func:`placement_centre`.
 
     Returns
     -------
@@ -146,13 +155,13 @@ def leaves(
     _pelvis_of(reference, camera, scenelet, 1, place, size, before[0])
     if math.isnan(before[0, 1]):
         return -1
-    _usual(reference, camera, scenelet, start, 1, before[1])
+    _mean_position(reference, camera, scenelet, start, 1, before[1])
     _subtract(before[0], before[1], before[1])
     return int(start + reference.lengths[scenelet])
 
 
 @compiled
-def usual_offsets(
+def mean_offsets(
     reference: Reference, cameras: Array, counts: Ints, items: Ints, places: Array, sizes: Array
 ) -> Array:
     """Deviations of the scenelets of N states from their mean positions.
@@ -177,7 +186,7 @@ def usual_offsets(
                 _pelvis_of(
                     reference, cameras[n], scenelet, last, places[k], sizes[k], where[0]
                 )  # fmt: skip
-                _usual(reference, cameras[n], scenelet, start, last, where[1])
+                _mean_position(reference, cameras[n], scenelet, start, last, where[1])
                 _subtract(where[0], where[1], offsets[k, last])
             k += 1
     return offsets
@@ -187,7 +196,7 @@ def usual_offsets(
 def displacements(
     reference: Reference, cameras: Array, counts: Ints, items: Ints, places: Array, sizes: Array
 ) -> tuple[Ints, Array, Array]:
-    """Displacements of the scenelets of N states from their expected positions.
+    """Displacements of the scenelets of N states from the centres of their placements.
 
     Parameters
     ----------
@@ -206,7 +215,7 @@ def displacements(
     before : (R, 4) float
         Displacement of the scenelet before in its last frame; 0 if there is none.
     offsets : (R, 4) float
-        Displacement of each scenelet from its expected position.
+        Displacement of each scenelet from the centre of its placement.
     """
     rows, before, offsets = (
         np.empty(len(items), np.int64),
@@ -221,12 +230,12 @@ def displacements(
         for _ in range(counts[n]):
             scenelet, start = items[k]
             _pelvis_of(reference, cameras[n], scenelet, 0, places[k], sizes[k], where)
-            row = expected(reference, cameras[n], scenelet, start, end, before, middle)
+            row = placement_centre(reference, cameras[n], scenelet, start, end, before, middle)
             rows[k] = -1 if math.isnan(where[1]) else row
             if end >= 0:
                 displaced[k] = before[1]
             _subtract(where, middle[0], offsets[k])
-            end = leaves(reference, cameras[n], scenelet, start, places[k], sizes[k], before)
+            end = end_pose(reference, cameras[n], scenelet, start, places[k], sizes[k], before)
             k += 1
     return rows, displaced, offsets
 
@@ -269,7 +278,7 @@ def log_placement(
     end : int
         Frame after the last of the scenelet before, -1 if there is none.
     before : (2, 4) float
-        See :func:`expected`.
+        See :func:`placement_centre`.
     work : (4, 4) float
         Workspace.
 
@@ -282,11 +291,13 @@ def log_placement(
     _pelvis_of(reference, camera, scenelet, 0, place, size, where)
     if math.isnan(where[1]):
         return -math.inf
-    row = expected(reference, camera, scenelet, start, end, before, work[2:])
+    row = placement_centre(reference, camera, scenelet, start, end, before, work[2:])
     _subtract(where, work[2], offset)
-    new = reference.strange[scenelet]
+    new = reference.rarely_visited[scenelet]
     near = log_t(offset, reference.factors[row, new], reference.constants[row, new])
     far = _log_anywhere(reference, where)
     most = max(near, far)
-    density = (1.0 - ASTRAY) * math.exp(near - most) + ASTRAY * math.exp(far - most)
+    density = (1.0 - PRIOR_PLACEMENT_WEIGHT) * math.exp(
+        near - most
+    ) + PRIOR_PLACEMENT_WEIGHT * math.exp(far - most)
     return float(math.log(density) + most - log_area(where[1]))

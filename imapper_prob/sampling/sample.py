@@ -47,7 +47,7 @@ from imapper_prob.sampling.chain import (
 )
 from imapper_prob.sampling.checkpoints import ChainProgress, identity_of, rounds_done
 from imapper_prob.sampling.cluster import Cluster, SameProgram, executor_of
-from imapper_prob.sampling.ensembles import Walked, walk_draws
+from imapper_prob.sampling.ensembles import EnsembleRefinement, refine_draws
 from imapper_prob.sampling.gains import gains_of
 from imapper_prob.sampling.schedule import (
     block_end,
@@ -84,7 +84,7 @@ class Samples:
         The layout of each draw.
     probabilities : LayoutProbabilities
         Probabilities of layouts, which are numbered from 1 as in texts for people.
-    walked : Walked or None
+    walked : EnsembleRefinement or None
         Effect of the ensembles on the draws; None if there were none.
     acceptance : AcceptanceTable
         Acceptance over all chains.
@@ -101,7 +101,7 @@ class Samples:
     objects: tuple[tuple[SceneObject, ...], ...]
     layouts: Layouts
     probabilities: LayoutProbabilities
-    walked: Walked | None
+    walked: EnsembleRefinement | None
     acceptance: AcceptanceTable
     ladders: tuple[LadderSummary, ...]
     verdict: Verdict
@@ -500,14 +500,14 @@ def _walked(
     workers: Workers,
     scratch: Path | None,
     progress: Progress | None,
-) -> tuple[_Drawn, Walked]:
+) -> tuple[_Drawn, EnsembleRefinement]:
     """Draws after the ensembles, with layouts and verdict."""
 
     def report(part: float) -> None:
         if progress is not None:
             progress("walking the draws", part)
 
-    states, values, walked = walk_draws(
+    states, values, walked = refine_draws(
         source.problem, drawn.states, drawn.values, settings.ensemble_steps,
         seed=seed, workers=workers, scratch=scratch, on_progress=report,
     )  # fmt: skip

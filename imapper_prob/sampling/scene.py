@@ -1,8 +1,8 @@
-"""A scene as arrays for compiled moves, and conversion from and to a state.
+"""The arrays of a state for compiled moves, and conversion from and to a state.
 
-A move takes a scene and a generator, and returns another scene and the log ratio of reverse to
-forward proposal density, including Jacobians (Green 1995); -inf if it is impossible. Scenes are
-never modified: a move copies the arrays that it changes and shares the others.
+A move takes the arrays of a scene and a generator, and returns those of another scene and the log
+ratio of reverse to forward proposal density, including Jacobians (Green 1995); -inf if it is
+impossible. Arrays are never modified: a move copies those that it changes and shares the others.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from imapper_prob.models.log_posterior import State
 from imapper_prob.sampling.jit import compiled
 
-__all__ = ["Scene", "flush_run", "scene_of", "state_of"]
+__all__ = ["StateArrays", "arrays_of", "flush_run", "state_of"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Scene(NamedTuple):
+class StateArrays(NamedTuple):
     """The arrays of a :class:`imapper_prob.models.log_posterior.State`.
 
     Parameters
@@ -40,8 +40,8 @@ class Scene(NamedTuple):
     latent: Array
 
 
-def scene_of(state: State) -> Scene:
-    """Convert a state to a scene with writable copies of the arrays.
+def arrays_of(state: State) -> StateArrays:
+    """Writable copies of the arrays of a state.
 
     Parameters
     ----------
@@ -49,34 +49,34 @@ def scene_of(state: State) -> Scene:
 
     Returns
     -------
-    Scene
+    StateArrays
     """
-    return Scene(*state.copies())
+    return StateArrays(*state.copies())
 
 
-def state_of(scene: Scene) -> State:
-    """Convert a scene to a state, which shares its arrays but cannot write them.
+def state_of(arrays: StateArrays) -> State:
+    """Convert arrays to a state, which shares them but cannot write them.
 
     Parameters
     ----------
-    scene : Scene
+    arrays : StateArrays
 
     Returns
     -------
     State
     """
     return State(
-        scene.camera.view(),
-        scene.items.view(),
-        scene.placements.view(),
-        scene.sizes.view(),
-        scene.latent.view(),
+        arrays.camera.view(),
+        arrays.items.view(),
+        arrays.placements.view(),
+        arrays.sizes.view(),
+        arrays.latent.view(),
     )
 
 
 @compiled
 def flush_run(lengths: Ints, items: Ints, index: int) -> tuple[int, int]:
-    """Range of the scenelets around one that adjoin each other without a gap.
+    """Range of the scenelets around one that are flush with each other.
 
     Parameters
     ----------

@@ -5,9 +5,10 @@ continued keeps the same draws as a single longer run.
 
 - *Planned rounds* are those of ``steps``. Their first part, ``burn_in``, is not kept, however long
   the chain becomes; temperatures are fixed afterwards.
-- *Marks* are rounds after which a draw is kept. Beyond the planned rounds they continue at the same
-  spacing. Whenever there are more than twice as many as planned, every second one is dropped.
-- *Pieces* are the rounds between two opportunities to stop. Each piece begins with new walkers,
+- *Scheduled* rounds are those after which a draw is kept. Beyond the planned rounds they continue
+  at the same spacing. Whenever there are more than twice as many as planned, every second one is
+  dropped.
+- *Pieces* are the rounds between two opportunities to stop. Each piece begins with new evaluators,
   whose rounding errors differ from those of old ones, so a chain may end only where a piece ends.
 - *Visits* are recorded in some rounds (:mod:`imapper_prob.sampling.visits`). The reference
   (:mod:`imapper_prob.sampling.reference`) is first learnt from walks about the results of the
@@ -30,7 +31,7 @@ from typing import Final
 from imapper_prob.config import SampleSettings
 
 __all__ = [
-    "Marks", "block_end", "burn_in_of", "draws_of", "end_of", "learning_of", "piece_of",
+    "block_end", "burn_in_of", "draws_of", "end_of", "learning_of", "piece_of",
     "stopped_at", "trace_of",
 ]  # fmt: skip
 
@@ -59,7 +60,7 @@ _BLOCKS: Final = 4
 
 
 @dataclass(frozen=True)
-class Marks:
+class RoundSchedule:
     """Evenly spaced rounds; every second one is dropped whenever there are too many.
 
     Parameters
@@ -77,7 +78,7 @@ class Marks:
     most: int
 
     def at(self, number: int) -> int:
-        """The round of a mark.
+        """A scheduled round by its number.
 
         Parameters
         ----------
@@ -91,7 +92,7 @@ class Marks:
         return round(self.first + number * self.spacing)
 
     def count(self, rounds: int) -> int:
-        """Number of marks before ``rounds``, including dropped ones.
+        """Number of scheduled rounds before ``rounds``, including dropped ones.
 
         Parameters
         ----------
@@ -108,7 +109,7 @@ class Marks:
         return number
 
     def stride(self, rounds: int) -> int:
-        """The stride of kept marks after ``rounds`` rounds.
+        """The stride of kept ones after ``rounds`` rounds.
 
         Parameters
         ----------
@@ -125,7 +126,7 @@ class Marks:
         return stride
 
     def kept(self, rounds: int) -> int:
-        """Number of marks kept after ``rounds`` rounds.
+        """Number of scheduled rounds kept after ``rounds`` rounds.
 
         Parameters
         ----------
@@ -231,7 +232,7 @@ def piece_of(settings: SampleSettings) -> int:
     return max(1, _PIECE // settings.swap_every)
 
 
-def draws_of(settings: SampleSettings) -> Marks:
+def draws_of(settings: SampleSettings) -> RoundSchedule:
     """Rounds after which a draw is kept.
 
     Parameters
@@ -240,12 +241,12 @@ def draws_of(settings: SampleSettings) -> Marks:
 
     Returns
     -------
-    Marks
+    RoundSchedule
     """
     return _evenly(burn_in_of(settings), settings)
 
 
-def trace_of(settings: SampleSettings) -> Marks:
+def trace_of(settings: SampleSettings) -> RoundSchedule:
     """Rounds after which the log-posterior is recorded, including burn-in.
 
     Parameters
@@ -254,7 +255,7 @@ def trace_of(settings: SampleSettings) -> Marks:
 
     Returns
     -------
-    Marks
+    RoundSchedule
     """
     return _evenly(0, settings)
 
@@ -320,10 +321,10 @@ def stopped_at(settings: SampleSettings, rounds: int) -> SampleSettings:
     return replace(settings, last_step=last_step)
 
 
-def _evenly(first: int, settings: SampleSettings) -> Marks:
+def _evenly(first: int, settings: SampleSettings) -> RoundSchedule:
     gaps, last = settings.draws - 1, settings.rounds - 1
     spacing = (last - first) / gaps if gaps else float(max(1, last + 1 - first))
-    return Marks(first, spacing, 2 * settings.draws)
+    return RoundSchedule(first, spacing, 2 * settings.draws)
 
 
 def _piece_end(settings: SampleSettings, rounds: int) -> int:

@@ -27,15 +27,15 @@ from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.published_energy import evaluate_paper
 from imapper_prob.samplers.reversible_jump import ChainState, StepInfo
-from imapper_prob.samplers.tempering import Parts
+from imapper_prob.samplers.tempering import LogDensityParts
 from imapper_prob.sampling import camera_moves, moves, redraws
+from imapper_prob.sampling.image_pelvis import middle_heights
 from imapper_prob.sampling.jit import compiled, inner
-from imapper_prob.sampling.looks import middle_heights
 from imapper_prob.sampling.reference import Reference
 from imapper_prob.sampling.reference_density import log_reference
-from imapper_prob.sampling.scene import Scene, scene_of, state_of
+from imapper_prob.sampling.scene import StateArrays, arrays_of, state_of
 
-__all__ = ["MOVES", "Moves", "Walker", "log_posteriors", "parts_of", "propose", "scene_moves"]
+__all__ = ["MOVES", "Moves", "SceneChain", "log_posteriors", "parts_of", "propose", "scene_moves"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -45,7 +45,7 @@ MOVES: Final = {
     "shift": 0.06,
     "placement": 0.3,
     "camera": 0.015,
-    "camera-carry": 0.035,
+    "camera-compensated": 0.035,
     "depth-scale": 0.03,
     "focal-scale": 0.02,
     "path": 0.05,
@@ -58,7 +58,7 @@ that were never visited, a few nats at a time; redraws from the reference reach 
 the camera and of whole scenes are seldom tried, because every frame has to be evaluated again; the
 camera converges faster than the layouts."""
 (
-    _REPLACE, _SHIFT, _PLACEMENT, _CAMERA, _CAMERA_CARRY, _DEPTH_SCALE, _FOCAL_SCALE, _PATH,
+    _REPLACE, _SHIFT, _PLACEMENT, _CAMERA, _CAMERA_COMPENSATED, _DEPTH_SCALE, _FOCAL_SCALE, _PATH,
     _CAMERA_ADAPTED, _SCENE_REDRAW, _REDRAW,
 ) = range(len(MOVES))  # fmt: skip
 _NAMES: Final = tuple(MOVES)
@@ -126,12 +126,12 @@ def scene_moves(problem: Problem, reference: Reference, shape: Array | None) -> 
     )
 
 
-class _KnownType(types.StructRef):
+class _SharedMovesType(types.StructRef):
     """The numba type of shared data of moves."""
 
 
-class Known(structref.StructRefProxy):
-    """Data of the moves, which are passed to compiled code by one address; see :func:`shared`.
+class SharedMoves(structref.StructRefProxy):
+    """Data of the moves, which are passed to compiled code by one address; see :func:`share_moves`.
 
     Unpacking some fifty arrays at every call takes as long as a step.
 
@@ -148,13 +148,13 @@ class Known(structref.StructRefProxy):
     moves: Moves
 
 
-_structref.register(_KnownType)
-_structref.define_boxing(_KnownType, Known)
-_structref.define_constructor(Known, _KnownType, ["moves"])
+_structref.register(_SharedMovesType)
+_structref.define_boxing(_SharedMovesType, SharedMoves)
+_structref.define_constructor(SharedMoves, _SharedMovesType, ["moves"])
 
 
 @compiled
-def shared(moves: Moves) -> Known:
+def share_moves(moves: Moves) -> SharedMoves:
     """Share the data of moves with compiled code.
 
     Parameters
@@ -164,50 +164,52 @@ def shared(moves: Moves) -> Known:
 
     Returns
     -------
-    Known
+    SharedMoves
     """
-    return Known(moves)  # type: ignore[no-untyped-call]
+    return SharedMoves(moves)  # type: ignore[no-untyped-call]
 
 
 @compiled
-def propose(known: Moves, move: int, rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+def propose(
+    move_data: Moves, move: int, rng: np.random.Generator, scene: StateArrays
+) -> tuple[StateArrays, float]:
     """Propose a scene by one of the moves.
 
     Parameters
     ----------
-    known : Moves
+    move_data : Moves
     move : int
         Index in ``MOVES``.
     rng : numpy.random.Generator
-    scene : Scene
+    scene : StateArrays
 
     Returns
     -------
-    Scene
+    StateArrays
     float
         Log of reverse over forward proposal density, nats; -inf if the move is impossible.
     """
     if move == _REPLACE:
-        return moves.replace_similar(known.reference, rng, scene)
+        return moves.replace_similar(move_data.reference, rng, scene)
     if move == _SHIFT:
-        return moves.shift(known.lengths, rng, scene)
+        return moves.shift(move_data.lengths, rng, scene)
     if move == _PLACEMENT:
         return moves.walk_placement(rng, scene)
     if move == _CAMERA:
-        return camera_moves.walk_camera(known.factor, rng, scene)
-    if move == _CAMERA_CARRY:
-        return camera_moves.walk_compensated(known.factor, known.heights, rng, scene)
+        return camera_moves.walk_camera(move_data.factor, rng, scene)
+    if move == _CAMERA_COMPENSATED:
+        return camera_moves.walk_compensated(move_data.factor, move_data.heights, rng, scene)
     if move == _DEPTH_SCALE:
         return camera_moves.scale_depth(rng, scene)
     if move == _FOCAL_SCALE:
-        return camera_moves.scale_focal(known.focal_spread, rng, scene)
+        return camera_moves.scale_focal(move_data.focal_spread, rng, scene)
     if move == _PATH:
         return moves.refresh_path(rng, scene)
     if move == _CAMERA_ADAPTED:
-        return camera_moves.walk_adapted(known.shape, known.heights, rng, scene)
+        return camera_moves.walk_adapted(move_data.shape, move_data.heights, rng, scene)
     if move == _SCENE_REDRAW:
-        return redraws.redraw_scene(known.reference, rng, scene)
-    return redraws.redraw_stretch(known.reference, rng, scene)
+        return redraws.redraw_scene(move_data.reference, rng, scene)
+    return redraws.redraw_stretch(move_data.reference, rng, scene)
 
 
 # ------------------------------------------------------------------------------------------------
@@ -219,7 +221,7 @@ def log_posteriors(
     evaluator: Evaluator,
     published: Array | None,
     n_before: int,
-    now: Scene,
+    now: StateArrays,
     cameras: Array,
     items: Ints,
     placements: Array,
@@ -238,7 +240,7 @@ def log_posteriors(
     n_before : int
         Number of scenelets of the evaluator's current scene; ``NOWHERE`` if it has none, or shares
         nothing with the others.
-    now : Scene
+    now : StateArrays
         Current scene of the evaluator.
     cameras : (W, 5) float
     items : (W, k, 2) int
@@ -283,13 +285,13 @@ def _log_published(
 
 
 @compiled
-def _judge(
-    known: Known,
+def _log_density_parts(
+    shared_moves: SharedMoves,
     evaluator: Evaluator,
     published: Array | None,
     n_before: int,
-    now: Scene,
-    new: Scene,
+    now: StateArrays,
+    new: StateArrays,
     beta: float,
     least: float,
 ) -> tuple[float, float]:
@@ -310,7 +312,7 @@ def _judge(
         )  # fmt: skip
     if density > -math.inf:
         prior = log_reference(
-            known.moves.reference, new.camera, new.items, new.placements, new.sizes
+            shared_moves.moves.reference, new.camera, new.items, new.placements, new.sizes
         )  # fmt: skip
         if published is None:
             wanted = EVERYTHING
@@ -324,19 +326,19 @@ def _judge(
 
 @compiled
 def _advance(
-    shared_moves: Known,
+    shared_moves: SharedMoves,
     evaluator: Evaluator,
     published: Array | None,
     capacity: int,
     rng: np.random.Generator,
     beta: float,
-    scene: Scene,
+    scene: StateArrays,
     log_prior: float,
     log_likelihood: float,
     chosen: Ints,
     log_acceptance: Array,
     accepted: NDArray[np.bool_],
-) -> tuple[Scene, float, float, Evaluator, int, int]:
+) -> tuple[StateArrays, float, float, Evaluator, int, int]:
     """Make some steps; the last value is the move that gave an invalid density, or -1.
 
     The number at random that decides is drawn before the proposal is evaluated; then the evaluation
@@ -344,12 +346,12 @@ def _advance(
 
     With ``published`` None, numba compiles the default log-posterior only.
     """
-    known = shared_moves.moves
-    weights = known.weights.cumsum()
+    move_data = shared_moves.moves
+    weights = move_data.weights.cumsum()
     for n in range(len(chosen)):
         move = min(np.searchsorted(weights, rng.random() * weights[-1], "right"), len(weights) - 1)
         chosen[n], log_acceptance[n], accepted[n] = move, -math.inf, False
-        new, ratio = propose(known, move, rng, scene)
+        new, ratio = propose(move_data, move, rng, scene)
         if ratio == -math.inf:
             continue
         # P(Exponential > -log a) = a. This avoids the logarithm of a uniform number that may be 0.
@@ -375,7 +377,7 @@ def _advance(
         prior, likelihood, gain = -math.inf, 0.0, -math.inf
         if density > -math.inf:
             prior = log_reference(
-                known.reference, new.camera, new.items, new.placements, new.sizes
+                move_data.reference, new.camera, new.items, new.placements, new.sizes
             )  # fmt: skip
             of_reference = prior - log_prior + ratio
             if published is None:
@@ -401,7 +403,7 @@ def _advance(
 # Interface for Python.
 
 
-def parts_of(problem: Problem, reference: Reference, state: State) -> Parts:
+def parts_of(problem: Problem, reference: Reference, state: State) -> LogDensityParts:
     """The log reference density of a state, and the log ratio of posterior to reference.
 
     Parameters
@@ -412,27 +414,27 @@ def parts_of(problem: Problem, reference: Reference, state: State) -> Parts:
 
     Returns
     -------
-    Parts
+    LogDensityParts
     """
     return _in_parts(reference, log_posterior(problem, state), state)
 
 
-def _in_parts(reference: Reference, log_density: float, state: State) -> Parts:
+def _in_parts(reference: Reference, log_density: float, state: State) -> LogDensityParts:
     if log_density == -math.inf:
-        return Parts(-math.inf, 0.0)
-    scene = scene_of(state)
+        return LogDensityParts(-math.inf, 0.0)
+    scene = arrays_of(state)
     log_prior = float(
         log_reference(reference, scene.camera, scene.items, scene.placements, scene.sizes)
     )
-    return Parts(log_prior, log_density - log_prior if log_prior > -math.inf else 0.0)
+    return LogDensityParts(log_prior, log_density - log_prior if log_prior > -math.inf else 0.0)
 
 
-class Walker:
+class SceneChain:
     """A chain at one temperature, with its state and cached log densities.
 
     Cached values depend by about 1e-6 nats on the chain's history, because moves of nanometres are
     not re-evaluated. For exact repetition from some point, a chain must begin there with a new
-    walker.
+    object of this class.
 
     Parameters
     ----------
@@ -443,16 +445,18 @@ class Walker:
     """
 
     def __init__(self, problem: Problem, moves: Moves, state: State) -> None:
-        self._problem, self._known = problem, shared(moves)
+        self._problem, self._shared_moves = problem, share_moves(moves)
         self._published = problem.paper_nats if problem.of_paper else None
         self._state = self._last = state
-        self._scene = self._last_scene = scene_of(state)
-        self._parts = self._last_parts = Parts(0.0, 0.0)
+        self._scene = self._last_scene = arrays_of(state)
+        self._parts = self._last_parts = LogDensityParts(0.0, 0.0)
         self._capacity: int = max(_CAPACITY, state.n_scenelets)
         self._evaluator: Evaluator = open_evaluator(problem, self._capacity)
-        self._stand()
+        self._restart()
 
-    def __call__(self, state: State, beta: float = 0.0, least: float = -math.inf) -> Parts:
+    def __call__(
+        self, state: State, beta: float = 0.0, least: float = -math.inf
+    ) -> LogDensityParts:
         """Evaluate ``state`` without moving the chain.
 
         Parameters
@@ -463,12 +467,14 @@ class Walker:
 
         Returns
         -------
-        Parts
+        LogDensityParts
         """
         if state is self._state:
             return self._parts
-        self._last, self._last_scene = state, scene_of(state)
-        self._last_parts = self._judged(self._last_scene, len(self._scene.items), beta, least)
+        self._last, self._last_scene = state, arrays_of(state)
+        self._last_parts = self._log_density_parts(
+            self._last_scene, len(self._scene.items), beta, least
+        )
         return self._last_parts
 
     def move(self, state: State) -> None:
@@ -510,7 +516,7 @@ class Walker:
         chosen, log_acceptance = np.empty(steps, np.int64), np.empty(steps)
         accepted = np.empty(steps, np.bool_)
         scene, log_prior, log_likelihood, self._evaluator, self._capacity, fault = _advance(
-            self._known, self._evaluator, self._published, self._capacity, rng, beta,
+            self._shared_moves, self._evaluator, self._published, self._capacity, rng, beta,
             self._scene, self._parts.log_prior, self._parts.log_likelihood,
             chosen, log_acceptance, accepted,
         )  # fmt: skip
@@ -520,29 +526,31 @@ class Walker:
             )
         if accepted.any():
             self._scene, self._state = scene, state_of(scene)
-            self._parts = Parts(log_prior, log_likelihood)
+            self._parts = LogDensityParts(log_prior, log_likelihood)
         self._last, self._last_parts = self._state, self._parts
         steps_made = zip(chosen.tolist(), accepted.tolist(), log_acceptance.tolist(), strict=True)
         return ChainState(self._state, self._parts.at(beta)), tuple(
             StepInfo(_NAMES[move], taken, log_a) for move, taken, log_a in steps_made
         )
 
-    def _judged(self, scene: Scene, n_before: int, beta: float, least: float) -> Parts:
+    def _log_density_parts(
+        self, scene: StateArrays, n_before: int, beta: float, least: float
+    ) -> LogDensityParts:
         """Evaluate a scene as a change from the evaluator's scene with ``n_before`` scenelets."""
         if len(scene.items) > self._capacity:
             self._capacity = 2 * len(scene.items)
             self._evaluator = open_evaluator(self._problem, self._capacity)
-            self._stand()
-        return Parts(
-            *_judge(
-                self._known, self._evaluator, self._published, n_before, self._scene, scene,
+            self._restart()
+        return LogDensityParts(
+            *_log_density_parts(
+                self._shared_moves, self._evaluator, self._published, n_before, self._scene, scene,
                 beta, least,
             )
         )  # fmt: skip
 
-    def _stand(self) -> None:
+    def _restart(self) -> None:
         """Initialise a new evaluator at the chain's state."""
-        self._parts = self._last_parts = self._judged(self._scene, -1, 0.0, -math.inf)
+        self._parts = self._last_parts = self._log_density_parts(self._scene, -1, 0.0, -math.inf)
         self._accept()
 
     def _accept(self) -> None:

@@ -43,7 +43,7 @@ from imapper_prob.samplers.diagnostics import LayoutProbabilities
 from imapper_prob.samplers.ladder import LadderSummary
 from imapper_prob.samplers.reversible_jump import AcceptanceTable
 from imapper_prob.samplers.verdict import Verdict
-from imapper_prob.sampling.ensembles import QUANTITIES, Walked
+from imapper_prob.sampling.ensembles import QUANTITIES, EnsembleRefinement
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.scenelets.library import library_of, pack_library
 from imapper_prob.solver.selection import of_scenelets
@@ -336,7 +336,8 @@ Groups = Mapping[str, xr.Dataset]
 _ACCEPTANCE = "acceptance_"
 """Prefix of the attributes with acceptance rates of ensemble moves."""
 _WALKED = ("change", "error", "before", "after", "rhat")
-"""Fields of :class:`imapper_prob.sampling.ensembles.Walked` that are arrays by quantity."""
+"""Fields of :class:`imapper_prob.sampling.ensembles.EnsembleRefinement` that are arrays by
+quantity."""
 
 
 def sample_groups(samples: Samples) -> dict[str, xr.Dataset]:
@@ -385,7 +386,7 @@ def sample_groups(samples: Samples) -> dict[str, xr.Dataset]:
     }
 
 
-def _walked(walked: Walked | None) -> xr.Dataset:
+def _walked(walked: EnsembleRefinement | None) -> xr.Dataset:
     """Effect of the ensembles by quantity; empty if there were none."""
     if walked is None:
         return xr.Dataset(coords={"quantity": np.array([], dtype=np.str_)})
@@ -579,13 +580,13 @@ def _probabilities(group: xr.Dataset, n_draws: int) -> LayoutProbabilities:
     )
 
 
-def _read_walked(group: xr.Dataset) -> Walked | None:
+def _read_walked(group: xr.Dataset) -> EnsembleRefinement | None:
     if not group.sizes["quantity"]:
         return None
     numbers = {name: group[name].to_numpy() for name in _WALKED}
     for values in numbers.values():
         _require(values.shape == (len(QUANTITIES),), "ensembles have other quantities")
-    return Walked(
+    return EnsembleRefinement(
         walkers=int(group.attrs["walkers"]),
         steps=int(group.attrs["steps"]),
         acceptance={

@@ -16,7 +16,7 @@ from xarray import Dataset
 from imapper_prob.layouts import group_of
 from imapper_prob.models.scene import Clip, SceneObject, Truth
 from imapper_prob.models.text import as_probability, counted, in_markdown, shortened, with_error
-from imapper_prob.sampling.ensembles import describe_walked
+from imapper_prob.sampling.ensembles import describe_refinement
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import Check
 from imapper_prob.uncertainty.scenes import WeightedScene
@@ -195,5 +195,5 @@ def describe(clip: Clip, samples: Samples, *, verdict: str, alarms: Sequence[str
         f"{first}**{in_markdown(clip.name)}** - furniture and motion from 2D joints, "
         "as a posterior.\n\n"
         f"{chains} chains, {draws} draws each. {verdict} "
-        f"{describe_walked(samples.walked)}{focal}"
+        f"{describe_refinement(samples.walked)}{focal}"
     )

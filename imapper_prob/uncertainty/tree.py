@@ -48,7 +48,7 @@ from imapper_prob.models.statements import from_json as statements_from_json
 from imapper_prob.models.statements import to_json as statements_to_json
 from imapper_prob.people import everybody, names_of_rows
 from imapper_prob.sampling.conditioning import Evidence, Told
-from imapper_prob.sampling.ensembles import describe_walked
+from imapper_prob.sampling.ensembles import describe_refinement
 from imapper_prob.sampling.sample import Samples
 from imapper_prob.uncertainty.checks import Check, to_json
 from imapper_prob.uncertainty.parameters import CAMERA_UNITS
@@ -250,7 +250,7 @@ def posterior_tree(
         **sample_attributes(samples),
         "checks": to_json(checks),
         **_given(told),
-        "ensembles": describe_walked(samples.walked),
+        "ensembles": describe_refinement(samples.walked),
         "frame": "world: metres, z up, floor at z = 0, camera above the origin, looking along y",
     }
     return tree

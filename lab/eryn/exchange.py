@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.problem import Problem
-from imapper_prob.sampling.gains import expected_placement, gains_of, sequences_of, static_path
+from imapper_prob.sampling.gains import (
+    expected_placement,
+    gains_of,
+    sequences_of,
+    static_pelvis_on_floor,
+)
 from lab.eryn.leaves import LeafDensity
 
 __all__ = ["during", "load_problem", "load_runs", "save_problem", "save_runs"]
@@ -30,7 +35,7 @@ def save_problem(path: Path, problem: Problem) -> None:
     They are scenelets at the static path, weighted by how well they explain the detections.
     """
     fields = {f"problem {name}": value for name, value in problem._asdict().items()}
-    sequences, static = sequences_of(problem, gains_of(problem)), static_path(problem)
+    sequences, static = sequences_of(problem, gains_of(problem)), static_pelvis_on_floor(problem)
     weights = sequences.hazard[:, None] * sequences.scenelets
     starts, scenelets = np.nonzero(weights > _LEAST * weights.sum())
     items = np.stack([scenelets, starts], -1)

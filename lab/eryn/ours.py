@@ -20,7 +20,7 @@ from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.samplers.ladder import power_ladder
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, sample
 from imapper_prob.samplers.tempering import start, temper
-from imapper_prob.sampling.chain import Setup, Tempered, tempered
+from imapper_prob.sampling.chain import Setup, TemperedProblem, tempered
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.sample import setup_of
 from imapper_prob.sampling.steps import MOVES
@@ -116,7 +116,7 @@ def scene_chain(setup: Setup, first: State, seed: int) -> Iterator[State]:
         chain = temper(
             rngs,
             start(states, target=learnt.target, betas=betas),
-            walker=learnt.walker,
+            chain_at=learnt.chain_at,
             steps_per_swap=STEPS_PER_SWAP,
             adapt=rounds is not None,
             crossover=TimeCrossover(setup.problem),
@@ -125,21 +125,21 @@ def scene_chain(setup: Setup, first: State, seed: int) -> Iterator[State]:
         visits = Visits()
         for number, at in enumerate(islice(chain, rounds)):
             if rounds is not None:
-                for beta, rung in zip(at.position.betas, at.position.chains, strict=True):
+                for beta, rung in zip(at.state.betas, at.state.chains, strict=True):
                     visits.note(rung.state, beta)
             if number % (EVERY // STEPS_PER_SWAP) == 0:
-                yield at.position.chains[-1].state
-        states, betas = [rung.state for rung in at.position.chains], at.position.betas
+                yield at.state.chains[-1].state
+        states, betas = [rung.state for rung in at.state.chains], at.state.betas
 
 
-def _without_path(learnt: Tempered) -> Tempered:
+def _without_path(learnt: TemperedProblem) -> TemperedProblem:
     """The moves without those of the path; redraws of intervals replace those of scenes."""
     still = [name not in ("path", "scene-redraw") for name in MOVES]
     moves = learnt.moves._replace(weights=learnt.moves.weights * still)
     return replace(learnt, moves=moves)
 
 
-def _still_scene(learnt: Tempered, rng: np.random.Generator) -> State:
+def _still_scene(learnt: TemperedProblem, rng: np.random.Generator) -> State:
     """A scene of the reference with the mean path, which is constant here."""
     drawn = learnt.independent(rng)
     return replace(drawn, latent=np.zeros_like(drawn.latent))

@@ -18,7 +18,14 @@ import pytest
 import imapper_prob
 from imapper_prob.api import demo_clip
 from imapper_prob.cli import main
-from imapper_prob.cli.console import Stopped, Terminated, console, last_words, printable, stoppable
+from imapper_prob.cli.console import (
+    Stopped,
+    Terminated,
+    console,
+    interrupt_message,
+    printable,
+    stoppable,
+)
 from imapper_prob.clips.load import write_clip
 from imapper_prob.config import SampleSettings
 from imapper_prob.evaluate.suite import first_part
@@ -246,12 +253,12 @@ def test_sigterm_is_heard_and_forgotten() -> None:
     with pytest.raises(Terminated), stoppable():
         os.kill(os.getpid(), signal.SIGTERM)
     assert signal.getsignal(signal.SIGTERM) is before
-    assert last_words(Terminated(), Namespace()) == ("interrupted; nothing was written", 143)
-    assert last_words(Stopped("all kept"), Namespace()) == (
+    assert interrupt_message(Terminated(), Namespace()) == ("interrupted; nothing was written", 143)
+    assert interrupt_message(Stopped("all kept"), Namespace()) == (
         "interrupted; all kept; the same command goes on", 130,
     )  # fmt: skip
     kept = Stopped("all kept", goes_on=False)
-    assert last_words(kept, Namespace()) == ("interrupted; all kept", 130)
+    assert interrupt_message(kept, Namespace()) == ("interrupted; all kept", 130)
 
 
 def test_an_interrupt_while_arguments_are_read_is_one_too(

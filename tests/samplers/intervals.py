@@ -69,7 +69,7 @@ class Birth:
             return None
         return Proposal(state | {new}, -np.log(len(state) + 1) - np.log(BIRTH[new]))
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         (born,) = new - old
         return np.log(BIRTH[born])
 
@@ -85,7 +85,7 @@ class Death:
         gone = draw_member(rng, state)
         return Proposal(state - {gone}, np.log(BIRTH[gone]) + np.log(len(state)))
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         return -np.log(len(old))
 
 
@@ -103,7 +103,7 @@ class Swap:
             return None
         return Proposal(proposed, np.log(BIRTH[gone]) - np.log(BIRTH[new]))
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         if old == new:
             # Every member may have been replaced by itself.
             return np.log(np.mean([BIRTH[interval] for interval in old]))

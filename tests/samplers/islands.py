@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate import quad
 
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal
-from imapper_prob.samplers.tempering import Parts
+from imapper_prob.samplers.tempering import LogDensityParts
 
 State = tuple[int, float]
 
@@ -30,7 +30,7 @@ def log_normal(x: float, width: float) -> float:
     return -0.5 * (x / width) ** 2 - math.log(width * math.sqrt(2 * math.pi))
 
 
-def target(state: State) -> Parts:
+def target(state: State) -> LogDensityParts:
     label, x = state
     logs = [
         math.log(weight) + log_normal(x - centre, WIDTH)
@@ -38,7 +38,7 @@ def target(state: State) -> Parts:
     ]
     top = max(logs)
     likelihood = top + math.log(sum(math.exp(value - top) for value in logs))
-    return Parts(math.log(LABELS[label]) + log_normal(x, PRIOR_WIDTH), likelihood)
+    return LogDensityParts(math.log(LABELS[label]) + log_normal(x, PRIOR_WIDTH), likelihood)
 
 
 def cell(state: State) -> int:
@@ -73,7 +73,7 @@ class Walk:
         label, x = state
         return Proposal((label, x + rng.choice(self.scales) * rng.standard_normal()), 0.0)
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         if old[0] != new[0]:
             return -math.inf
         return math.log(sum(math.exp(log_normal(new[1] - old[1], s)) / 2 for s in self.scales))
@@ -87,7 +87,7 @@ class Relabel:
     def propose(self, rng, state):
         return Proposal((int(rng.integers(len(LABELS))), state[1]), 0.0)
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         return -math.log(len(LABELS)) if old[1] == new[1] else -math.inf
 
 

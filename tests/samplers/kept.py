@@ -28,7 +28,7 @@ from imapper_prob.samplers.checkpoint import (
 )
 from imapper_prob.samplers.ladder import SwapTable, power_ladder
 from imapper_prob.samplers.reversible_jump import ChainState, step
-from imapper_prob.samplers.tempering import KernelWalker, TemperingState, start, temper
+from imapper_prob.samplers.tempering import KernelChain, TemperingState, start, temper
 from tests.samplers import polynomials
 
 BETAS = power_ladder(4)
@@ -99,14 +99,14 @@ def tempered(problem, first, rng, report, checkpointer) -> Snapshot:
         chain = temper(
             rngs,
             position,
-            walker=partial(
-                KernelWalker, polynomials.target, partial(step, mixture=polynomials.mixture())
+            chain_at=partial(
+                KernelChain, polynomials.target, partial(step, mixture=polynomials.mixture())
             ),
             steps_per_swap=3,
             adapt=position.rounds < BURN_IN,
         )
         item = next(chain)
-        position = item.position
+        position = item.state
         draws.append(position.chains[-1].state)
         if position.rounds > BURN_IN:
             table = table.recorded(item.swap_acceptance, position.replicas)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import i0
 
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal
-from imapper_prob.samplers.tempering import Parts
+from imapper_prob.samplers.tempering import LogDensityParts
 
 K_MAX, MEAN, KAPPA = 4, 1.8, 1.5
 LOG_TURN = math.log(2 * math.pi)
@@ -27,12 +27,12 @@ def numbers(kappa: float) -> np.ndarray:
     return weights / weights.sum()
 
 
-def target(needles: np.ndarray, kappa: float = KAPPA) -> Parts:
+def target(needles: np.ndarray, kappa: float = KAPPA) -> LogDensityParts:
     """Density of a list of needles in some order, and of its yaws relative to the prior."""
     if len(needles) > K_MAX or not ((needles[:, 0] > 0) & (needles[:, 0] < 1)).all():
-        return Parts(-math.inf, 0.0)
+        return LogDensityParts(-math.inf, 0.0)
     prior = len(needles) * (math.log(MEAN) - LOG_TURN) - math.lgamma(len(needles) + 1)
-    return Parts(prior, kappa * float(np.cos(needles[:, 1]).sum()))
+    return LogDensityParts(prior, kappa * float(np.cos(needles[:, 1]).sum()))
 
 
 def draw(rng: np.random.Generator, kappa: float) -> np.ndarray:
@@ -58,7 +58,7 @@ class Birth:
         # Any of the k + 1 dies with the same probability as one of k + 1 gaps is chosen.
         return Proposal(new, self.log_turn - math.log(2 * place))
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         at = next((i for i in range(len(new)) if np.array_equal(np.delete(new, i, 0), old)), None)
         if at is None:
             return -math.inf
@@ -80,7 +80,7 @@ class Death:
         ratio = math.log(2 * needles[at, 0]) - self.log_turn
         return Proposal(np.delete(needles, at, axis=0), ratio)
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         return -math.log(len(old))
 
 
@@ -97,7 +97,7 @@ class Turn:
         turned[:, 1] = np.remainder(turned[:, 1] + math.pi, 2 * math.pi) - math.pi
         return Proposal(turned, 0.0)
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         # Wrapped, all yaws by the same angle: a normal density up to a common factor.
         if not len(old):
             return 0.0
@@ -121,7 +121,7 @@ class Squeeze:
         ratio = len(needles) * log_power + (power - 1) * float(np.log(needles[:, 0]).sum())
         return Proposal(squeezed, self.jacobian * ratio)
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         # Densities of the same underlying normal number; d new / d old makes the difference.
         if not len(old):
             return 0.0

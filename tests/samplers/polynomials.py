@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal
-from imapper_prob.samplers.tempering import Parts
+from imapper_prob.samplers.tempering import LogDensityParts
 
 K_MAX, NOISE, PRIOR = 3, 0.5, 1.5
 X = np.linspace(-1, 1, 12)
@@ -40,12 +40,12 @@ def exact() -> np.ndarray:
     return weights / weights.sum()
 
 
-def target(theta: np.ndarray, y: np.ndarray = Y) -> Parts:
+def target(theta: np.ndarray, y: np.ndarray = Y) -> LogDensityParts:
     """Density of theta given its length, and of y given theta, both normalised."""
     residual = (y - DESIGN[:, : len(theta)] @ theta) / NOISE
     prior = -0.5 * theta @ theta / PRIOR**2 - len(theta) * math.log(PRIOR * ROOT_TWO_PI)
     likelihood = -0.5 * residual @ residual - len(X) * math.log(NOISE * ROOT_TWO_PI)
-    return Parts(float(prior), float(likelihood))
+    return LogDensityParts(float(prior), float(likelihood))
 
 
 def log_density(theta: np.ndarray, y: np.ndarray = Y) -> float:
@@ -79,7 +79,7 @@ class Birth:
             np.append(PULL * theta, BORN_SCALE * u), self.jacobian * log_jacobian - log_normal(u)
         )
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         if not np.allclose(new[:-1], PULL * old):
             return -math.inf
         stretch = len(old) * math.log(PULL) + math.log(BORN_SCALE)
@@ -100,7 +100,7 @@ class Death:
             theta[:-1] / PULL, log_normal(theta[-1] / BORN_SCALE) - self.jacobian * log_jacobian
         )
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         return 0.0
 
 
@@ -112,7 +112,7 @@ class Walk:
     def propose(self, rng, theta):
         return Proposal(theta + 0.3 * rng.standard_normal(len(theta)), 0.0)
 
-    def explain(self, old, new):
+    def log_proposal_density(self, old, new):
         return float(-0.5 * np.sum(((new - old) / 0.3) ** 2))
 
 

@@ -9,9 +9,9 @@ import pytest
 from scipy import stats
 
 from imapper_prob.samplers.diagnostics import layout_probabilities
-from imapper_prob.samplers.reversible_jump import Mixture, RoundTripError, sample
+from imapper_prob.samplers.reversible_jump import Mixture, sample
 from tests.samplers.polynomials import exact, log_density, mixture
-from tests.samplers.rounds import check_rounds
+from tests.samplers.rounds import RoundTripError, check_rounds
 
 
 def deviation(moves: Mixture) -> float:
@@ -46,11 +46,11 @@ def test_the_same_test_fails_without_the_jacobian():
     assert deviation(mixture(jacobian=False)) > 10
 
 
-def test_every_proposal_can_be_explained_both_ways(rng):
+def test_every_ratio_is_that_of_both_directions(rng):
     table = check_rounds(rng, np.zeros(1), log_density, mixture(), n=500)
     assert all(rate > 0.02 for rate in table.rates().values())
 
 
-def test_check_misses_the_jacobian(rng):
+def test_check_finds_the_missing_jacobian(rng):
     with pytest.raises(RoundTripError):
         check_rounds(rng, np.zeros(1), log_density, mixture(jacobian=False), n=50)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, StepInfo, step
-from imapper_prob.samplers.tempering import KernelWalker, Parts, start, temper
+from imapper_prob.samplers.tempering import KernelChain, LogDensityParts, start, temper
 from tests.samplers.frequencies import chi_square
 
 PASS, FAIL = 1e-3, 1e-6
@@ -20,9 +20,9 @@ BETAS = (0.1, 0.4, 1.0)
 CELLS = list(product((0, 1), repeat=3))
 
 
-def target(bits: tuple[int, ...]) -> Parts:
+def target(bits: tuple[int, ...]) -> LogDensityParts:
     """Three coupled bits; the prior likes ones."""
-    return Parts(0.3 * sum(bits), float(FIELDS @ bits) + COUPLING * (bits[0] == bits[2]))
+    return LogDensityParts(0.3 * sum(bits), float(FIELDS @ bits) + COUPLING * (bits[0] == bits[2]))
 
 
 EXACT = np.exp([target(bits).at(1.0) for bits in CELLS])
@@ -59,12 +59,12 @@ def visited(crossover, *, rounds: int = 20_000) -> np.ndarray:
     chain = temper(
         rngs,
         start([(0, 0, 0)] * 3, target=target, betas=BETAS),
-        walker=partial(KernelWalker, target, partial(step, mixture=Mixture([Flip()], [1.0]))),
+        chain_at=partial(KernelChain, target, partial(step, mixture=Mixture([Flip()], [1.0]))),
         steps_per_swap=1,
         crossover=crossover,
     )
     return np.array(
-        [CELLS.index(item.position.chains[-1].state) for item in islice(chain, 200, rounds)]
+        [CELLS.index(item.state.chains[-1].state) for item in islice(chain, 200, rounds)]
     )
 
 
@@ -82,8 +82,8 @@ def test_crossovers_take_the_gaps_that_do_not_swap():
     chain = temper(
         rngs,
         start([(0, 0, 0), (1, 1, 1), (0, 1, 0)], target=target, betas=BETAS),
-        walker=partial(
-            KernelWalker,
+        chain_at=partial(
+            KernelChain,
             target,
             lambda rng, chain_state, *, log_density_fn: (chain_state, StepInfo("none", False, 0.0)),
         ),
@@ -94,4 +94,4 @@ def test_crossovers_take_the_gaps_that_do_not_swap():
     first = next(chain)
     assert [info.move for info in first.crossovers] == ["crossover"]
     assert first.crossovers[0].accepted
-    assert first.position.chains[2].state == (1, 1, 1)
+    assert first.state.chains[2].state == (1, 1, 1)

@@ -1,4 +1,4 @@
-"""Weights and bridges against densities whose integrals are known."""
+"""Weights and annealing against densities whose integrals are known."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from imapper_prob.samplers.reweighting import bridge, families_of, resample, reweigh
+from imapper_prob.samplers.reweighting import anneal, families_of, resample, reweigh
 
 CHAINS, DRAWS = 4, 250
 PROBABILITIES = np.array([0.4, 0.3, 0.2, 0.08, 0.019, 0.001])
@@ -77,20 +77,20 @@ def walk(rng: np.random.Generator, state: int, power: float) -> int:
     return state
 
 
-def bridged(seed: int, count: int = 200, on_power=None):
+def annealed(seed: int, count: int = 200, on_power=None):
     rng = np.random.default_rng(seed)
     draws = rng.choice(6, count, p=PROBABILITIES).tolist()
     families = families_of(CHAINS, count // CHAINS)
     log_factor = np.log(FACTOR)
-    return bridge(
+    return anneal(
         rng, draws, families, log_factor=lambda s: float(log_factor[s]), advance=walk,
         on_power=on_power,
     )  # fmt: skip
 
 
-def test_a_bridge_leads_to_the_renormalised_enumeration() -> None:
+def test_annealed_draws_are_the_renormalised_enumeration() -> None:
     powers = [[] for _ in range(40)]
-    runs = [bridged(seed, on_power=powers[seed].append) for seed in range(40)]
+    runs = [annealed(seed, on_power=powers[seed].append) for seed in range(40)]
     counts = np.bincount(np.concatenate([run.states for run in runs]), minlength=6)
     shares = counts / counts.sum()
     by_run = np.array([np.bincount(run.states, minlength=6) / 200 for run in runs])
@@ -101,8 +101,8 @@ def test_a_bridge_leads_to_the_renormalised_enumeration() -> None:
     assert EXACT[4:].sum() > 0.35 > PROBABILITIES[4:].sum() + 0.3
 
 
-def test_a_bridge_knows_the_evidence_and_its_error() -> None:
-    runs = [bridged(seed) for seed in range(60)]
+def test_annealing_knows_the_evidence_and_its_error() -> None:
+    runs = [annealed(seed) for seed in range(60)]
     off = np.array([run.log_ratio - NAT for run in runs])
     errors = np.array([run.error for run in runs])
     assert abs(off.mean()) < 4 * off.std() / math.sqrt(60) + 0.5 * off.var()  # of a logarithm
@@ -111,15 +111,15 @@ def test_a_bridge_knows_the_evidence_and_its_error() -> None:
     assert np.abs(off).max() < 6 * errors.mean()
 
 
-def test_reweighting_and_a_bridge_agree_where_both_can(rng: np.random.Generator) -> None:
+def test_reweighting_and_annealing_agree_where_both_can(rng: np.random.Generator) -> None:
     mild = np.array([0.5, 0.6, 0.3, 0.9, 0.2, 0.4])
     exact = math.log((mild * PROBABILITIES).sum())
     draws = rng.choice(6, (CHAINS, DRAWS), p=PROBABILITIES)
     weighted = reweigh(np.log(mild)[draws])
-    led = bridge(
+    found = anneal(
         rng, draws.ravel().tolist(), families_of(CHAINS, DRAWS),
         log_factor=lambda s: math.log(mild[s]), advance=lambda _, state, __: state,
     )  # fmt: skip
-    assert weighted.log_ratio == pytest.approx(led.log_ratio)
+    assert weighted.log_ratio == pytest.approx(found.log_ratio)
     assert abs(weighted.log_ratio - exact) < 4 * weighted.error
-    assert weighted.error == pytest.approx(led.error, rel=0.6)
+    assert weighted.error == pytest.approx(found.error, rel=0.6)

@@ -12,7 +12,14 @@ import pytest
 from imapper_prob.samplers import tempering
 from imapper_prob.samplers.ladder import SwapTable, best_rungs, power_ladder
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, StepInfo, sample, step
-from imapper_prob.samplers.tempering import KernelWalker, Parts, Tempered, start, temper, thinned
+from imapper_prob.samplers.tempering import (
+    KernelChain,
+    LogDensityParts,
+    TemperedDensity,
+    start,
+    temper,
+    thinned,
+)
 from tests.samplers import islands
 from tests.samplers.frequencies import chi_square
 from tests.samplers.rounds import check_rounds
@@ -20,7 +27,7 @@ from tests.samplers.rounds import check_rounds
 # A right sampler falls below by chance once in a thousand seeds; wrong ones are far below.
 PASS, FAIL = 1e-3, 1e-6
 KERNEL = partial(step, mixture=islands.MIXTURE)
-WALKER = partial(KernelWalker, islands.target, KERNEL)
+CHAIN_AT = partial(KernelChain, islands.target, KERNEL)
 BETAS = power_ladder(6)
 EXACT = islands.masses() / islands.masses().sum()
 
@@ -28,13 +35,11 @@ EXACT = islands.masses() / islands.masses().sum()
 def cells(*, seed: int, rounds: int = 3_000) -> np.ndarray:
     """(rounds,) islands that the coldest rung is on; all rungs start on the same one."""
     rngs = np.random.default_rng(seed).spawn(len(BETAS) + 1)
-    options = {"walker": WALKER, "steps_per_swap": 4}
+    options = {"chain_at": CHAIN_AT, "steps_per_swap": 4}
     at = start([islands.START] * len(BETAS), target=islands.target, betas=BETAS)
     *_, last = islice(temper(rngs, at, adapt=True, **options), 300)
-    chain = temper(rngs, last.position, **options)
-    return np.array(
-        [islands.cell(item.position.chains[-1].state) for item in islice(chain, rounds)]
-    )
+    chain = temper(rngs, last.state, **options)
+    return np.array([islands.cell(item.state.chains[-1].state) for item in islice(chain, rounds)])
 
 
 def test_finds_all_islands_in_their_proportions():
@@ -45,15 +50,15 @@ def test_a_cold_chain_stays_on_the_island_it_started_on(rng):
     chain = sample(
         rng,
         islands.START,
-        log_density_fn=Tempered(islands.target, 1.0),
+        log_density_fn=TemperedDensity(islands.target, 1.0),
         mixture=islands.MIXTURE,
     )
     visited = {islands.cell(at.state) for at, _ in islice(chain, 50_000)}
     assert visited == {islands.cell(islands.START)}
 
 
-def test_every_proposal_can_be_explained_both_ways(rng):
-    hot = Tempered(islands.target, 0.01)
+def test_every_ratio_is_that_of_both_directions(rng):
+    hot = TemperedDensity(islands.target, 0.01)
     table = check_rounds(rng, islands.START, hot, islands.MIXTURE, n=500)
     assert all(rate > 0.1 for rate in table.rates().values())
 
@@ -90,12 +95,12 @@ def test_draws_of_the_prior_take_the_place_of_its_steps():
 
     at = start([0.0, 0.0], target=target, betas=(0.0, 1.0))
     rngs = np.random.default_rng(3).spawn(3)
-    walker = partial(KernelWalker, target, _stay)
-    chain = temper(rngs, at, walker=walker, steps_per_swap=1, independent=independent)
+    chain_at = partial(KernelChain, target, _stay)
+    chain = temper(rngs, at, chain_at=chain_at, steps_per_swap=1, independent=independent)
     items = list(islice(chain, 20_000))
     assert len(seen) == 20_000
     assert {item.steps[0][0].move for item in items} == {"independent"}
-    cold = np.array([item.position.chains[-1].state for item in items])
+    cold = np.array([item.state.chains[-1].state for item in items])
     assert set(cold) <= {0.0, *seen}
     # Posterior: normal, precision 2, mean half. About every third draw is accepted.
     error = cold.std() * np.sqrt(6 / len(cold))
@@ -105,21 +110,21 @@ def test_draws_of_the_prior_take_the_place_of_its_steps():
 
 def test_draws_outside_the_support_are_not_taken(rng):
     def target(x):
-        return Parts(0.0, 0.0 if x > 0.999 else -math.inf)
+        return LogDensityParts(0.0, 0.0 if x > 0.999 else -math.inf)
 
     at = start([1.0, 1.0], target=target, betas=(0.0, 1.0))
     chain = temper(
-        rng.spawn(3), at, walker=partial(KernelWalker, target, _stay), steps_per_swap=1,
+        rng.spawn(3), at, chain_at=partial(KernelChain, target, _stay), steps_per_swap=1,
         independent=lambda rng: rng.random(),
     )  # fmt: skip
     items = list(islice(chain, 300))
     drawn = [item.steps[0][0].accepted for item in items]
     assert 0 < sum(drawn) < 300  # one in a thousand draws, a hundred tries
-    assert all(chain.state > 0.999 for item in items for chain in item.position.chains)
+    assert all(chain.state > 0.999 for item in items for chain in item.state.chains)
 
 
 def _normal(x, *, centre):
-    return Parts(-0.5 * x**2, -0.5 * (x - centre) ** 2)
+    return LogDensityParts(-0.5 * x**2, -0.5 * (x - centre) ** 2)
 
 
 def _stay(rng, chain_state, *, log_density_fn):
@@ -129,9 +134,9 @@ def _stay(rng, chain_state, *, log_density_fn):
 D, SHARPNESS = 6, 1e4
 
 
-def gaussian(x: np.ndarray) -> Parts:
+def gaussian(x: np.ndarray) -> LogDensityParts:
     """Standard normal prior and likelihood: at beta a normal of precision 1 + beta SHARPNESS."""
-    return Parts(-0.5 * float(x @ x), -0.5 * SHARPNESS * float(x @ x))
+    return LogDensityParts(-0.5 * float(x @ x), -0.5 * SHARPNESS * float(x @ x))
 
 
 def exact_step(rng, chain_state, *, log_density_fn):
@@ -157,10 +162,10 @@ def adapted(n_rungs: int, *, seed: int, rounds: int):
     rngs = np.random.default_rng(seed).spawn(n_rungs + 1)
     at = start([np.zeros(D)] * n_rungs, target=gaussian, betas=betas)
     chain = temper(
-        rngs, at, walker=partial(KernelWalker, gaussian, exact_step), steps_per_swap=1, adapt=True
+        rngs, at, chain_at=partial(KernelChain, gaussian, exact_step), steps_per_swap=1, adapt=True
     )
     *_, last = islice(chain, rounds)
-    return rngs, last.position
+    return rngs, last.state
 
 
 def test_the_ladder_adapts_to_equal_swap_rates():
@@ -205,12 +210,12 @@ def test_counted_swap_rates_are_the_known_ones():
     rngs, position = adapted(5, seed=2, rounds=300)
     table = SwapTable.empty(position.betas)
     chain = temper(
-        rngs, position, walker=partial(KernelWalker, gaussian, exact_step), steps_per_swap=1
+        rngs, position, chain_at=partial(KernelChain, gaussian, exact_step), steps_per_swap=1
     )
     n = 4_000
     for item in islice(chain, n):
-        assert item.position.betas == position.betas  # frozen
-        table = table.recorded(item.swap_acceptance, item.position.replicas)
+        assert item.state.betas == position.betas  # frozen
+        table = table.recorded(item.swap_acceptance, item.state.replicas)
     summary = table.summary()
     # Draws are independent, and so are the swap probabilities of every other round.
     np.testing.assert_allclose(
@@ -227,16 +232,16 @@ def test_counted_swap_rates_are_the_known_ones():
 def test_every_rung_samples_its_own_distribution():
     rngs, position = adapted(4, seed=3, rounds=50)
     chain = temper(
-        rngs, position, walker=partial(KernelWalker, gaussian, exact_step), steps_per_swap=1
+        rngs, position, chain_at=partial(KernelChain, gaussian, exact_step), steps_per_swap=1
     )
     n = 4_000
-    squares = [[at.state @ at.state for at in item.position.chains] for item in islice(chain, n)]
+    squares = [[at.state @ at.state for at in item.state.chains] for item in islice(chain, n)]
     scaled = np.mean(squares, axis=0) * (1 + SHARPNESS * np.array(position.betas))
     np.testing.assert_allclose(scaled, D, atol=5 * math.sqrt(2 * D / n))
 
 
 def run(position, rngs, n, **options):
-    chain = temper(rngs, position, **{"walker": WALKER, "steps_per_swap": 3} | options)
+    chain = temper(rngs, position, **{"chain_at": CHAIN_AT, "steps_per_swap": 3} | options)
     return list(islice(chain, n))
 
 
@@ -247,11 +252,11 @@ def test_a_chain_goes_on_from_its_position():
         rngs, again = (np.random.default_rng(4).spawn(5) for _ in range(2))
         whole = run(at, rngs, 20, adapt=adapt)
         first = run(at, again, 9, adapt=adapt)
-        assert first + run(first[-1].position, again, 11, adapt=adapt) == whole
+        assert first + run(first[-1].state, again, 11, adapt=adapt) == whole
 
 
-class Follower(KernelWalker):
-    """A walker that remembers what it was asked to be."""
+class Follower(KernelChain):
+    """A chain that remembers what it was asked to be."""
 
     def __init__(self, state):
         super().__init__(islands.target, KERNEL, state)
@@ -263,21 +268,21 @@ class Follower(KernelWalker):
         return chain, infos
 
 
-def test_walkers_go_where_their_chains_go():
+def test_rung_chains_go_where_their_states_go():
     at = start([islands.START] * 4, target=islands.target, betas=power_ladder(4))
     rngs = np.random.default_rng(4).spawn(5)
     followers = []
 
-    def walker(state):
+    def chain_at(state):
         followers.append(Follower(state))
         return followers[-1]
 
-    asked = run(at, rngs, 200, walker=walker)
-    assert len(set(asked[-1].position.replicas)) == len(followers) == 4
-    # States travel between rungs, and each takes its walker along.
-    assert asked[-1].position.replicas != (0, 1, 2, 3)
-    stands = [followers[k].at for k in asked[-1].position.replicas]
-    assert stands == [chain.state for chain in asked[-1].position.chains]
+    asked = run(at, rngs, 200, chain_at=chain_at)
+    assert len(set(asked[-1].state.replicas)) == len(followers) == 4
+    # States travel between rungs, and each takes its chain along.
+    assert asked[-1].state.replicas != (0, 1, 2, 3)
+    stands = [followers[k].at for k in asked[-1].state.replicas]
+    assert stands == [chain.state for chain in asked[-1].state.chains]
 
 
 def test_what_a_position_says_is_so():
@@ -285,7 +290,7 @@ def test_what_a_position_says_is_so():
     at = start([islands.START] * 5, target=islands.target, betas=betas)
     items = run(at, np.random.default_rng(5).spawn(6), 40, adapt=True)
     for number, item in enumerate(items, 1):
-        position = item.position
+        position = item.state
         assert position.rounds == number
         assert sorted(position.replicas) == list(range(5))
         assert [len(infos) for infos in item.steps] == [3] * 5
@@ -299,15 +304,17 @@ def test_what_a_position_says_is_so():
 
 def test_even_and_odd_pairs_swap_in_turn():
     flat = Mixture((Still(),), (1.0,))
-    at = start([0, 1, 2, 3], target=lambda _: Parts(0.0, 0.0), betas=power_ladder(4))
+    at = start([0, 1, 2, 3], target=lambda _: LogDensityParts(0.0, 0.0), betas=power_ladder(4))
     chain = temper(
         np.random.default_rng(6).spawn(5),
         at,
-        walker=partial(KernelWalker, lambda _: Parts(0.0, 0.0), partial(step, mixture=flat)),
+        chain_at=partial(
+            KernelChain, lambda _: LogDensityParts(0.0, 0.0), partial(step, mixture=flat)
+        ),
         steps_per_swap=1,
     )
     # All swaps succeed: a replica moves one rung a round until it turns at an end.
-    assert [item.position.replicas for item in islice(chain, 4)] == [
+    assert [item.state.replicas for item in islice(chain, 4)] == [
         (1, 0, 3, 2),
         (1, 3, 0, 2),
         (3, 1, 2, 0),
@@ -326,13 +333,13 @@ class Still:
 def test_one_rung_is_an_ordinary_chain():
     at = start([islands.START], target=islands.target, betas=[1.0])
     (item,) = run(at, np.random.default_rng(7).spawn(2), 1)
-    assert item.position.replicas == (0,)
+    assert item.state.replicas == (0,)
     assert item.swap_acceptance == ()
 
 
 def test_the_prior_may_visit_what_the_likelihood_forbids():
-    def half_line(x: float) -> Parts:
-        return Parts(-0.5 * x * x, 0.0 if x > 0 else -math.inf)
+    def half_line(x: float) -> LogDensityParts:
+        return LogDensityParts(-0.5 * x * x, 0.0 if x > 0 else -math.inf)
 
     walk = Mixture((Jump(),), (1.0,))
     at = start([-1.0, 1.0], target=half_line, betas=[0.0, 1.0])
@@ -340,11 +347,11 @@ def test_the_prior_may_visit_what_the_likelihood_forbids():
     chain = temper(
         np.random.default_rng(8).spawn(3),
         at,
-        walker=partial(KernelWalker, half_line, partial(step, mixture=walk)),
+        chain_at=partial(KernelChain, half_line, partial(step, mixture=walk)),
         steps_per_swap=2,
     )
     hot, cold = zip(
-        *([at.state for at in item.position.chains] for item in islice(chain, 500)), strict=True
+        *([at.state for at in item.state.chains] for item in islice(chain, 500)), strict=True
     )
     assert min(cold) > 0
     assert min(hot) < 0 < max(hot)
@@ -359,9 +366,9 @@ class Jump:
 
 
 def test_outside_the_prior_the_likelihood_means_nothing():
-    assert Parts(-math.inf, math.nan).at(0.5) == -math.inf
-    assert Parts(-1.0, -math.inf).at(0.0) == -1.0
-    assert Parts(-1.0, -4.0).at(0.5) == -3.0
+    assert LogDensityParts(-math.inf, math.nan).at(0.5) == -math.inf
+    assert LogDensityParts(-1.0, -math.inf).at(0.0) == -1.0
+    assert LogDensityParts(-1.0, -4.0).at(0.5) == -3.0
 
 
 @pytest.mark.parametrize(
@@ -387,8 +394,8 @@ def test_what_does_not_fit_the_ladder_is_refused():
         temper(
             np.random.default_rng(0).spawn(3),
             at,
-            walker=WALKER,
+            chain_at=CHAIN_AT,
             steps_per_swap=0,
         )
     with pytest.raises(FloatingPointError, match="log density is -inf"):
-        start([0, 0], target=lambda _: Parts(-math.inf, 0.0), betas=[0.0, 1.0])
+        start([0, 0], target=lambda _: LogDensityParts(-math.inf, 0.0), betas=[0.0, 1.0])

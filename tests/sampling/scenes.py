@@ -11,10 +11,10 @@ import numpy as np
 from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal
-from imapper_prob.sampling.gains import room_of
+from imapper_prob.sampling.gains import frames_left_of
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.reference import Reference
-from imapper_prob.sampling.scene import scene_of, state_of
+from imapper_prob.sampling.scene import arrays_of, state_of
 from imapper_prob.sampling.steps import MOVES, Moves, propose, scene_moves
 from imapper_prob.sampling.visits import Visits
 
@@ -42,7 +42,7 @@ class SceneMove:
 
     def propose(self, rng: np.random.Generator, state: State) -> Proposal[State] | None:
         number = list(MOVES).index(self.name)
-        scene, ratio = propose(self.moves, number, rng, scene_of(state))
+        scene, ratio = propose(self.moves, number, rng, arrays_of(state))
         return None if ratio == -math.inf else Proposal(state_of(scene), float(ratio))
 
 
@@ -60,7 +60,7 @@ def random_gains(problem: Problem, seed: int = 0) -> np.ndarray:
     """Of less than a nat, which say nothing of the data."""
     shape = problem.n_frames, len(problem.lengths)
     gains = 0.3 * np.random.default_rng(seed).normal(size=shape)
-    gains[problem.lengths > room_of(problem)[:-1, None]] = -np.inf
+    gains[problem.lengths > frames_left_of(problem)[:-1, None]] = -np.inf
     return gains
 
 

@@ -13,9 +13,9 @@ import pytest
 from imapper_prob.models.log_posterior import empty_state
 from imapper_prob.sampling import moves
 from imapper_prob.sampling.scene import (
-    Scene,
+    StateArrays,
+    arrays_of,
     flush_run,
-    scene_of,
     state_of,
 )
 from tests.models import worlds
@@ -27,7 +27,7 @@ LENGTH = int(PROBLEM.lengths[0])
 Starts = tuple[int, ...]
 
 
-Move = Callable[[np.random.Generator, Scene], tuple[Scene, float]]
+Move = Callable[[np.random.Generator, StateArrays], tuple[StateArrays, float]]
 
 
 class Choices:
@@ -49,7 +49,7 @@ class Choices:
         return (0.25, 0.75)[self._choose(2)]
 
 
-def every_proposal(move: Move, scene: Scene) -> Iterator[tuple[float, Scene]]:
+def every_proposal(move: Move, scene: StateArrays) -> Iterator[tuple[float, StateArrays]]:
     """Probability and result of every way in which the choices can fall."""
     waiting: list[tuple[int, ...]] = [()]
     while waiting:
@@ -59,12 +59,12 @@ def every_proposal(move: Move, scene: Scene) -> Iterator[tuple[float, Scene]]:
         for k in range(len(told), len(choices.options)):
             first = (*told, *[0] * (k - len(told)))
             waiting += [(*first, other) for other in range(1, choices.options[k])]
-        if ratio > -np.inf and in_order(PROBLEM, state_of(Scene(*(a.copy() for a in new)))):
+        if ratio > -np.inf and in_order(PROBLEM, state_of(StateArrays(*(a.copy() for a in new)))):
             assert ratio == 0.0
             yield 1 / float(np.prod(choices.options)), new
 
 
-def all_scenes() -> dict[Starts, Scene]:
+def all_scenes() -> dict[Starts, StateArrays]:
     """Three scenelets of one motion in 20 frames, wherever there is room."""
     states = {}
     for slots in combinations(range(PROBLEM.n_frames - 3 * LENGTH + 3), 3):
@@ -72,7 +72,7 @@ def all_scenes() -> dict[Starts, Scene]:
         state = empty_state(PROBLEM)
         for start in starts:
             state = state.with_item(0, start, np.array([0.0, 4.0, 0.0]))
-        states[starts] = scene_of(state)
+        states[starts] = arrays_of(state)
     return states
 
 
@@ -87,11 +87,11 @@ def imbalance(move: Move) -> float:
     return max(abs(p - flow.get((b, a), 0.0)) for (a, b), p in flow.items())
 
 
-def shifts(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+def shifts(rng: np.random.Generator, scene: StateArrays) -> tuple[StateArrays, float]:
     return moves.shift.py_func(PROBLEM.lengths, rng, scene)
 
 
-def hasty(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+def hasty(rng: np.random.Generator, scene: StateArrays) -> tuple[StateArrays, float]:
     """Shifts what is flush together wherever it goes, to others that it will be flush with too."""
     index = rng.integers(0, len(scene.items))
     step = rng.integers(1, 2) * (1 if rng.random() < 0.5 else -1)
@@ -112,10 +112,10 @@ def test_a_shift_that_gathers_others_on_its_way_is_seen() -> None:
 
 
 def test_every_choice_is_counted_once() -> None:
-    def dice(rng: np.random.Generator, scene: Scene) -> tuple[Scene, float]:
+    def dice(rng: np.random.Generator, scene: StateArrays) -> tuple[StateArrays, float]:
         up = rng.random() < 0.5
         step = int(rng.integers(0, 3)) if up else 0
         return scene._replace(camera=scene.camera + step), 0.0
 
-    ways = list(every_proposal(dice, scene_of(empty_state(PROBLEM))))
+    ways = list(every_proposal(dice, arrays_of(empty_state(PROBLEM))))
     assert sorted(p for p, _ in ways) == pytest.approx([1 / 6, 1 / 6, 1 / 6, 1 / 2])

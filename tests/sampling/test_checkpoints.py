@@ -19,7 +19,7 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scenelet import Library
 from imapper_prob.samplers.checkpoint import Checkpointer
-from imapper_prob.samplers.tempering import Parts, start
+from imapper_prob.samplers.tempering import LogDensityParts, start
 from imapper_prob.sampling import schedule
 from imapper_prob.sampling.chain import Chain, Setup, first_used, run_chain
 from imapper_prob.sampling.checkpoints import ChainProgress
@@ -123,7 +123,7 @@ def test_all_chains_have_as_many_temperatures() -> None:
 
 def test_progress_survives_its_snapshot() -> None:
     first, other = small_solution().states[0], small_solution().states[-1]
-    position = start([first, other], target=lambda _: Parts(0.0, -2.0), betas=(0.5, 1.0))
+    position = start([first, other], target=lambda _: LogDensityParts(0.0, -2.0), betas=(0.5, 1.0))
     progress = ChainProgress.begin(np.random.default_rng(3).spawn(3), position)
     progress.states.append(other)
     progress.values.append(-1.5)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from imapper_prob.models.log_posterior import State
 from imapper_prob.sampling.crossover import TimeCrossover
-from imapper_prob.sampling.looks import look, middle_heights
+from imapper_prob.sampling.image_pelvis import middle_heights, project_pelvis
 from tests.models import worlds
 from tests.sampling.scenes import in_order, random_state
 
@@ -79,14 +79,14 @@ def test_what_is_exchanged_looks_the_same_afterwards() -> None:
     found = CROSS(np.random.default_rng(1), hot, cold)
     assert found is not None
 
-    def looks(state: State) -> list[tuple[float, ...]]:
+    def images(state: State) -> list[tuple[float, ...]]:
         seen = []
         for (scenelet, _), (x, y, _), size in zip(
             state.items.tolist(), state.placements.tolist(), state.sizes.tolist(), strict=True
         ):
-            seen.append(tuple(look(state.camera, x, y, size, heights[scenelet])))
+            seen.append(tuple(project_pelvis(state.camera, x, y, size, heights[scenelet])))
         return seen
 
-    before, after = sorted(looks(hot) + looks(cold)), sorted(looks(found[0]) + looks(found[1]))
-    assert looks(found[0]) != looks(hot)
+    before, after = sorted(images(hot) + images(cold)), sorted(images(found[0]) + images(found[1]))
+    assert images(found[0]) != images(hot)
     np.testing.assert_allclose(after, before)

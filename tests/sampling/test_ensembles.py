@@ -11,8 +11,8 @@ from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.sampling import ensembles
-from imapper_prob.sampling.ensembles import QUANTITIES, describe_walked, walk_draws
-from imapper_prob.sampling.steps import Walker
+from imapper_prob.sampling.ensembles import QUANTITIES, describe_refinement, refine_draws
+from imapper_prob.sampling.steps import SceneChain
 from tests.models import worlds
 from tests.sampling import scenes
 
@@ -32,16 +32,16 @@ def drawn(problem: Problem) -> tuple[list[State], np.ndarray]:
     states = []
     for chain in range(CHAINS):
         rng = np.random.default_rng(chain)
-        walker = Walker(problem, moves, scenes.random_state(problem, chain))
-        walker.advance(rng, 1.0, 4_000)
+        scene_chain = SceneChain(problem, moves, scenes.random_state(problem, chain))
+        scene_chain.advance(rng, 1.0, 4_000)
         for _ in range(DRAWS):
-            states.append(walker.advance(rng, 1.0, 200)[0].state)
+            states.append(scene_chain.advance(rng, 1.0, 200)[0].state)
     values = np.array([log_posterior(problem, state) for state in states])
     return states, values.reshape(CHAINS, DRAWS)
 
 
 def walked(problem, drawn, steps=STEPS, **options):
-    return walk_draws(problem, *drawn, steps, seed=np.random.SeedSequence(5), **options)
+    return refine_draws(problem, *drawn, steps, seed=np.random.SeedSequence(5), **options)
 
 
 def test_draws_keep_their_scenelets_and_their_distribution(problem, drawn):
@@ -60,7 +60,7 @@ def test_draws_keep_their_scenelets_and_their_distribution(problem, drawn):
     assert (found.rhat < 1.05).all()
     assert (found.after > 0.7 * found.before).all()
     assert set(found.acceptance) == {"differential evolution", "snooker", "latent"}
-    assert "agree with the chains" in describe_walked(found)
+    assert "agree with the chains" in describe_refinement(found)
     assert told[-1] == 1.0
     assert told == sorted(told)
 
@@ -69,7 +69,7 @@ def test_with_another_density_of_depths_they_do_not(problem, drawn, monkeypatch)
     monkeypatch.setattr(ensembles, "log_area", lambda log_depth: -20.0 * log_depth)
     found = walked(problem, drawn)[2]
     assert not found.agrees
-    text = describe_walked(found)
+    text = describe_refinement(found)
     assert "do not agree with the chains, which have not arrived" in text
     worst = np.argmax(np.abs(found.change) / found.error)
     assert QUANTITIES[worst].replace("_", " ") in text
@@ -101,5 +101,5 @@ def test_too_few_draws_stay_where_they_are(problem, drawn):
     assert states == tuple(few[0])
     np.testing.assert_array_equal(values, few[1])
     assert found.walkers == 0
-    assert describe_walked(found) == describe_walked(None)
-    assert "too few" in describe_walked(None)
+    assert describe_refinement(found) == describe_refinement(None)
+    assert "too few" in describe_refinement(None)

@@ -18,7 +18,7 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.reference import Reference
-from imapper_prob.sampling.steps import MOVES, Walker, scene_moves
+from imapper_prob.sampling.steps import MOVES, SceneChain, scene_moves
 from imapper_prob.sampling.visits import Visits
 from tests.models import worlds
 from tests.sampling.scenes import random_gains
@@ -83,11 +83,11 @@ def test_every_assignment_has_its_exact_probability() -> None:
     moves = scene_moves(problem, learnt(problem), None)
     still = [name in ("replace", "shift", "placement", "path", "redraw") for name in MOVES]
     moves = moves._replace(weights=moves.weights * still)
-    walker, rng = Walker(problem, moves, empty_state(problem)), np.random.default_rng(8)
+    chain, rng = SceneChain(problem, moves, empty_state(problem)), np.random.default_rng(8)
     # Some have a probability of .003: enough visits to each that their spread is known.
     visited = []
     for _ in range(300_000):
-        items = walker.advance(rng, 1.0, 2)[0].state.items
+        items = chain.advance(rng, 1.0, 2)[0].state.items
         visited.append(0 if len(items) == 0 else 1 + 3 * int(items[0, 0]) + int(items[0, 1]))
     for which, probability in enumerate(exact()):
         hit = (np.array(visited[1000:]) == which).astype(float)

@@ -12,17 +12,17 @@ from imapper_prob.models.log_posterior import State, empty_state, evaluate, moti
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.sampling.gains import (
     expected_placement,
+    frames_left_of,
     gains_about,
     gains_of,
-    room_of,
     sequences_of,
-    static_path,
+    static_pelvis_on_floor,
 )
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.redraws import set_placement
 from imapper_prob.sampling.reference import NONE_BEFORE, Reference
-from imapper_prob.sampling.reference_placement import expected
+from imapper_prob.sampling.reference_placement import placement_centre
 from imapper_prob.sampling.visits import Visits
 from tests.models import worlds
 from tests.sampling.scenes import random_gains
@@ -45,13 +45,13 @@ def placed_as_expected(reference: Reference, scenelet: int, start: int) -> tuple
     """Log size and placement of a scenelet that none is before."""
     placement, before, where = np.empty(3), np.empty((2, 4)), np.empty((2, 4))
     camera = reference.library_camera
-    expected(reference, camera, scenelet, start, NONE_BEFORE, before, where)
+    placement_centre(reference, camera, scenelet, start, NONE_BEFORE, before, where)
     set_placement(reference, camera, scenelet, where[0], placement)
     return where[0, 3], placement
 
 
 def test_a_gain_is_what_the_model_says_of_detections() -> None:
-    gains, static, empty = gains_of(BARE), static_path(BARE), empty_state(BARE)
+    gains, static, empty = gains_of(BARE), static_pelvis_on_floor(BARE), empty_state(BARE)
     for scenelet, start in ((0, 0), (1, 4), (2, 10)):
         x, y, yaw = expected_placement(BARE, static, scenelet, start)
         there = empty.with_item(scenelet, start, np.array([x, y, yaw]))
@@ -62,7 +62,7 @@ def test_a_gain_is_what_the_model_says_of_detections() -> None:
 
 
 def test_scenelets_stand_on_the_static_path() -> None:
-    static, empty = static_path(BARE), empty_state(BARE)
+    static, empty = static_pelvis_on_floor(BARE), empty_state(BARE)
     x, y, yaw = expected_placement(BARE, static, 1, 4)
     middle = 4 + int(BARE.lengths[1]) // 2
     there = motion(BARE, empty.with_item(1, 4, np.array([x, y, yaw])))[middle, PELV]
@@ -73,9 +73,9 @@ def test_no_scenelet_reaches_into_the_next_persons_frames() -> None:
     starts = np.array(BARE.path_starts)
     starts[9] = True
     problem = BARE._replace(path_starts=starts)
-    gains, room = gains_of(problem), room_of(problem)
-    assert room[[0, 8, 9, N_FRAMES]].tolist() == [9, 1, N_FRAMES - 9, 0]
-    fits = problem.lengths <= room[:-1, None]
+    gains, frames_left = gains_of(problem), frames_left_of(problem)
+    assert frames_left[[0, 8, 9, N_FRAMES]].tolist() == [9, 1, N_FRAMES - 9, 0]
+    fits = problem.lengths <= frames_left[:-1, None]
     assert (np.isfinite(gains) == fits).all()
     assert (sequences_of(problem, gains).scenelets[:-1][~fits] == 0).all()
 
@@ -84,7 +84,7 @@ def test_gains_are_judged_again_where_scenelets_are_expected() -> None:
     static, empty = gains_of(BARE), empty_state(BARE)
     visits = Visits()
     for scenelet, start in ((0, 0), (1, 4), (2, 10)):
-        x, y, yaw = expected_placement(BARE, static_path(BARE), scenelet, start)
+        x, y, yaw = expected_placement(BARE, static_pelvis_on_floor(BARE), scenelet, start)
         for _ in range(40):
             visits.note(empty.with_item(scenelet, start, np.array([x + 0.1, 1.05 * y, yaw + 0.2])))
     reference = learn(BARE, static, np.ones((3, 3)), visits)
@@ -102,7 +102,7 @@ def test_hopeless_scenelets_are_not_judged_again() -> None:
     static = gains_of(BARE)
     static[4, 1] = static[4].max() - 20.0
     visits = Visits()
-    x, y, yaw = expected_placement(BARE, static_path(BARE), 0, 0)
+    x, y, yaw = expected_placement(BARE, static_pelvis_on_floor(BARE), 0, 0)
     visits.note(empty_state(BARE).with_item(0, 0, np.array([x, 1.1 * y, yaw])))
     gains = gains_about(BARE, static, learn(BARE, static, np.ones((3, 3)), visits))
     assert gains[4, 1] == static[4, 1]

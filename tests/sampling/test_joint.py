@@ -22,7 +22,7 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, init, step
-from imapper_prob.samplers.tempering import KernelWalker, Parts, start, temper
+from imapper_prob.samplers.tempering import KernelChain, LogDensityParts, start, temper
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.redraws import draw_scene
@@ -178,7 +178,7 @@ def only(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    ["camera-adapted", "shift", "replace", "camera-carry"],
+    ["camera-adapted", "shift", "replace", "camera-compensated"],
 )
 def test_a_move_by_itself_leaves_scene_and_data(name: str) -> None:
     """With so many scenelets that some have no gap to the next."""
@@ -200,10 +200,10 @@ def two_rungs(n_pairs: int, *, off: float = 0.0) -> dict[str, float]:
         state = draw_state(rng, given.problem)
         problem = replace(given.observed(rng, state), detections=given.detections).problem
 
-        def target(state: State, problem: Problem = problem) -> Parts:
+        def target(state: State, problem: Problem = problem) -> LogDensityParts:
             parts = parts_of(problem, reference, state)
             wrong = off * state.n_scenelets
-            return Parts(parts.log_prior + wrong, parts.log_likelihood - wrong)
+            return LogDensityParts(parts.log_prior + wrong, parts.log_likelihood - wrong)
 
         def independent(rng: np.random.Generator) -> State:
             return state_of(draw_scene(reference, rng))
@@ -213,11 +213,11 @@ def two_rungs(n_pairs: int, *, off: float = 0.0) -> dict[str, float]:
             hot = independent(rng)
         position = start((hot, state), target=target, betas=(0.0, 1.0))
         rounds = temper(
-            rng.spawn(3), position, walker=partial(KernelWalker, target, walk), steps_per_swap=1,
+            rng.spawn(3), position, chain_at=partial(KernelChain, target, walk), steps_per_swap=1,
             independent=independent, crossover=TimeCrossover(problem),
         )  # fmt: skip
         *_, last = islice(rounds, 12)
-        before, after = asked(problem, state), asked(problem, last.position.chains[-1].state)
+        before, after = asked(problem, state), asked(problem, last.state.chains[-1].state)
         for name, value in after.items():
             differences.setdefault(name, []).append(value - before[name])
     return in_standard_errors(differences)
@@ -248,7 +248,7 @@ def test_exchanges_with_the_reference_leave_scene_and_data(off: float) -> None:
 
 @pytest.mark.slow
 def test_a_look_the_wrong_way_is_seen() -> None:
-    change = only("camera-carry", lambda p: p._replace(log_ratio=-p.log_ratio))
+    change = only("camera-compensated", lambda p: p._replace(log_ratio=-p.log_ratio))
     found = scores(900, change=change, given=poor_data(rate=0.3, depth=0.4))
     assert largest(found) > LIMIT, found
 

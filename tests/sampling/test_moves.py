@@ -15,7 +15,7 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.samplers.reversible_jump import Mixture, sample
 from imapper_prob.sampling.learning import learn
-from imapper_prob.sampling.steps import Walker
+from imapper_prob.sampling.steps import SceneChain
 from imapper_prob.sampling.visits import Visits
 from lab.prior import draw_state
 from tests.models import worlds
@@ -58,9 +58,9 @@ def prior_draws(request: pytest.FixtureRequest) -> list[State]:
     moves = moves_of(problem)._replace(
         reference=learn(problem, random_gains(problem), similarity(), visits)
     )
-    walker = Walker(problem, moves, empty_state(problem))
-    walker.advance(rng, 1.0, 1000)
-    return [walker.advance(rng, 1.0, 5)[0].state for _ in range(request.param // 5)]
+    chain = SceneChain(problem, moves, empty_state(problem))
+    chain.advance(rng, 1.0, 1000)
+    return [chain.advance(rng, 1.0, 5)[0].state for _ in range(request.param // 5)]
 
 
 def test_prior_of_the_number_of_scenelets_comes_back(prior_draws: list[State]) -> None:

@@ -16,12 +16,12 @@ from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.view import to_view
+from imapper_prob.sampling.image_pelvis import place_from_image, project_pelvis
 from imapper_prob.sampling.jit import compiled
 from imapper_prob.sampling.learning import _SHIFTS, learn
-from imapper_prob.sampling.looks import look, stand
 from imapper_prob.sampling.redraws import _draw_run, _log_run
 from imapper_prob.sampling.redraws import draw_scene as _draw_scene
-from imapper_prob.sampling.reference import ADJOINING, COMPONENTS, Reference
+from imapper_prob.sampling.reference import COMPONENTS, FLUSH_NEXT, Reference
 from imapper_prob.sampling.reference_density import log_reference, next_probability
 from imapper_prob.sampling.scene import state_of
 from imapper_prob.sampling.visits import Visits
@@ -49,7 +49,7 @@ def known(films: int = 1, count: int = 80, seed: int = 0) -> Reference:
     for _ in range(count):
         visits.note(draw_state(rng, problem))
     learnt = learn(problem, random_gains(problem), similarity(), visits)
-    return learnt._replace(shares=np.array([0.15, 0.1, 0.4, 0.15, 0.05, 0.15]))
+    return learnt._replace(weights=np.array([0.15, 0.1, 0.4, 0.15, 0.05, 0.15]))
 
 
 def draw_scene(reference: Reference, rng: np.random.Generator) -> State:
@@ -80,8 +80,8 @@ def test_something_comes_next_or_nothing(films: int, end: int, seed: int) -> Non
         assert total == pytest.approx(1.0, abs=1e-12)
 
 
-def test_what_adjoins_comes_by_its_fit_and_by_the_kind_before() -> None:
-    reference = known()._replace(shares=np.eye(COMPONENTS)[ADJOINING])
+def test_flush_scenelets_come_by_their_fit_and_by_the_kind_before() -> None:
+    reference = known()._replace(weights=np.eye(COMPONENTS)[FLUSH_NEXT])
     n_scenelets, end = len(reference.kinds), 8
     fits, kinds = reference.fitting[end], reference.kinds
     assert fits.sum() == pytest.approx(1.0)
@@ -158,7 +158,7 @@ def test_the_density_is_that_of_the_draws(films: int) -> None:
     assert abs(mean_ratio(mixed, reference, reference, 6000)) < LIMIT
 
 
-@pytest.mark.parametrize("error", ["constant", "carried", "onward", "ends"])
+@pytest.mark.parametrize("error", ["constant", "reprojected", "regression", "ends"])
 def test_wrong_densities_are_seen(error: str) -> None:
     """What is as wrong again is, on average over draws, not as dense as it should be."""
     right = known()
@@ -168,8 +168,10 @@ def test_wrong_densities_are_seen(error: str) -> None:
         ends = right.later_probability ** (1 - 0.1 * by)
         changes = {
             "constant": {"constants": right.constants - 0.1 * by},
-            "carried": {"library_camera": camera},
-            "onward": {"onward": right.onward + 0.4 * by * np.eye(4)},
+            "reprojected": {"library_camera": camera},
+            "regression": {
+                "displacement_regression": right.displacement_regression + 0.4 * by * np.eye(4)
+            },
             "ends": {"later_probability": ends},
         }
         return right._replace(**changes[error])
@@ -178,7 +180,7 @@ def test_wrong_densities_are_seen(error: str) -> None:
     assert abs(mean_ratio(narrower(right), right, right, 6000)) < LIMIT
 
 
-def test_scenelets_are_carried_as_moves_carry_them() -> None:
+def test_scenelets_are_reprojected_as_moves_reproject_them() -> None:
     """What looks the same through another camera is as far from what was met."""
     reference = known()
     before, after = np.array(PROBLEM.camera_mean), np.array(PROBLEM.camera_mean)
@@ -188,22 +190,23 @@ def test_scenelets_are_carried_as_moves_carry_them() -> None:
     pelvis[..., :2] = 0.0
     height = float(pelvis[0, 0, 2])
     state = empty_state(PROBLEM).with_item(0, 5, np.array([0.4, 4.0, 0.3]), 0.02)
-    x, y, size = stand(after, look(before, 0.4, 4.0, 0.02, height), height)
+    x, y, size = place_from_image(after, project_pelvis(before, 0.4, 4.0, 0.02, height), height)
     there, size = np.array([[x, y, 0.3]]), np.array([size])
     moved = State(after, state.items, there, size, state.latent)
     # Visited there, and hardly scattered.
     path, yaw = np.array(reference.path), np.array(reference.yaw)
     path[5], yaw[5, 0] = to_view(state.placements[0], state.sizes[0])[:2], 0.3
     only = reference._replace(
-        pelvis=pelvis, path=path, yaw=yaw, size=0.02, habits=np.zeros_like(reference.habits),
+        pelvis=pelvis, path=path, yaw=yaw, size=0.02,
+        scenelet_deviations=np.zeros_like(reference.scenelet_deviations),
         camera_factor=reference.camera_factor * 1e6, factors=reference.factors * 0.1,
     )  # fmt: skip
     area = 2 * np.log([state.placements[0, 1], moved.placements[0, 1]])
     one, other = (log_density(only, s) for s in (state, moved))
-    # Not quite: scenelets anywhere are not carried. As much further off it would be nats.
+    # Not quite: scenelets anywhere are not reprojected. As much further off it would be nats.
     assert one + area[0] == pytest.approx(other + area[1], abs=0.01)
-    astray = replace(moved, placements=there + np.array([[0.0, 0.2, 0.0]]))
-    assert log_density(only, astray) < other - 1
+    elsewhere = replace(moved, placements=there + np.array([[0.0, 0.2, 0.0]]))
+    assert log_density(only, elsewhere) < other - 1
 
 
 def test_nobody_is_behind_the_camera_nor_overlaps() -> None:
@@ -241,7 +244,11 @@ def test_rows_count_what_followed_and_what_came_later() -> None:
     for _ in range(60):
         visits.note(draw_state(rng, PROBLEM))
     reference = learn(PROBLEM, random_gains(PROBLEM), similarity(), visits)
-    lengths, room, n_scenelets = reference.lengths, reference.room, len(reference.kinds)
+    lengths, frames_left, n_scenelets = (
+        reference.lengths,
+        reference.frames_left,
+        len(reference.kinds),
+    )
     the_end = N_FRAMES * n_scenelets
     followed, later = Counter[tuple[int, int]](), Counter[tuple[int, int]]()
     visited = visits.arrays()
@@ -259,12 +266,12 @@ def test_rows_count_what_followed_and_what_came_later() -> None:
                     if (
                         0 <= after <= N_FRAMES
                         and fits
-                        and (ends or lengths[scenelet] <= room[begins])
+                        and (ends or lengths[scenelet] <= frames_left[begins])
                     ):
                         code = the_end if ends else begins * n_scenelets + scenelet
                         followed[row, code] += share * part
                 begins = N_FRAMES if ends else start + by
-                if ends or (0 <= begins < N_FRAMES and lengths[scenelet] <= room[begins]):
+                if ends or (0 <= begins < N_FRAMES and lengths[scenelet] <= frames_left[begins]):
                     code = the_end if ends else begins * n_scenelets + scenelet
                     for frame in range(begun, begins + 1):
                         later[frame, code] += share
@@ -290,11 +297,11 @@ def test_shares_are_of_what_foretells_other_visits() -> None:
         always.note(empty_state(PROBLEM).with_item(1, 4, place))
         never.note(draw_state(rng, PROBLEM))
     gains = random_gains(PROBLEM)
-    met, unmet = (learn(PROBLEM, gains, similarity(), v).shares for v in (always, never))
-    for shares in (met, unmet):
-        assert shares.sum() == pytest.approx(1.0)
-        assert (shares > 0).all()
-    # Half of the initial shares is kept, of which a fourth are these two.
+    met, unmet = (learn(PROBLEM, gains, similarity(), v).weights for v in (always, never))
+    for weights in (met, unmet):
+        assert weights.sum() == pytest.approx(1.0)
+        assert (weights > 0).all()
+    # Half of the initial weights is kept, of which a fourth are these two.
     assert met[:2].sum() > 0.6 > 0.3 > unmet[:2].sum()
 
 
@@ -330,7 +337,7 @@ def test_runs_are_chosen_as_often_as_is_said() -> None:
     assert set(drawn) <= set(places)
     for run, probability in chance.items():
         assert abs(drawn[run] / n - probability) < LIMIT * np.sqrt(probability / n)
-    # Groups of adjoining scenelets are 1 to 2 and 3 to 5.
+    # Groups of flush scenelets are 1 to 2 and 3 to 5.
     assert chance[3, 6] > chance[2, 5]
     assert chance[1, 3] > chance[0, 2] == chance[2, 4]
     assert chance[0, 1] == chance[4, 5] > chance[0, 2]

@@ -39,7 +39,7 @@ from imapper_prob.results.folders import write_run
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.results.scenes_file import read_scenes
 from imapper_prob.sampling.actors import JointProblem, join_actors
-from imapper_prob.sampling.gains import static_path
+from imapper_prob.sampling.gains import static_pelvis_on_floor
 from imapper_prob.sampling.sample import sample_scenes
 from imapper_prob.solver.actors import solve_actors
 from imapper_prob.solver.solver import Solution
@@ -129,8 +129,8 @@ def test_everybody_keeps_their_stature_and_place() -> None:
     for own, part in zip((large, small), (moved[:N_FRAMES], moved[N_FRAMES:]), strict=True):
         assert_allclose(part, motion(own.problem, empty_state(own.problem)), atol=1e-6)
     # Scenelets are tried where each of them is.
-    own = np.concatenate([static_path(solution.problem) for solution in (large, small)])
-    assert_allclose(static_path(together.problem), own, atol=1e-6)
+    own = np.concatenate([static_pelvis_on_floor(solution.problem) for solution in (large, small)])
+    assert_allclose(static_pelvis_on_floor(together.problem), own, atol=1e-6)
 
 
 def test_actors_of_other_worlds_are_refused() -> None:

@@ -1,4 +1,4 @@
-"""Compiled steps are those of the sampler, and what walkers say is the log-posterior."""
+"""Compiled steps are those of the sampler, and what chains say is the log-posterior."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from imapper_prob.sampling import steps
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.reference import Reference
 from imapper_prob.sampling.reference_density import log_reference
-from imapper_prob.sampling.steps import MOVES, Walker, parts_of
+from imapper_prob.sampling.steps import MOVES, SceneChain, parts_of
 from imapper_prob.sampling.visits import Visits
 from tests.models import worlds
 from tests.sampling.scenes import mixture_of, moves_of, random_gains, random_state, similarity
@@ -33,18 +33,21 @@ def test_walkers_say_of_every_proposal_what_the_model_says(energy: str) -> None:
     problem = worlds.problem(20, settings=ModelSettings(energy=energy))
     state, rng = empty_state(problem), np.random.default_rng(4)
     moves = moves_of(problem)
-    mixture, walker = mixture_of(moves), Walker(problem, moves, state)
+    mixture, scene_chain = mixture_of(moves), SceneChain(problem, moves, state)
     counts = set()
     for _ in range(1000):
         proposal = mixture.choose(rng).propose(rng, state)
         if proposal is None:
             continue
-        told, whole = walker(proposal.state), parts_of(problem, moves.reference, proposal.state)
+        told, whole = (
+            scene_chain(proposal.state),
+            parts_of(problem, moves.reference, proposal.state),
+        )
         assert told.log_prior == pytest.approx(whole.log_prior, abs=1e-4)
         assert told.log_likelihood == pytest.approx(whole.log_likelihood, abs=1e-4)
         if np.isfinite(whole.at(0.5)) and rng.random() < 0.3:
             state = proposal.state
-            walker.move(state)
+            scene_chain.move(state)
             counts.add(state.n_scenelets)
     assert len(counts) > 2
 
@@ -62,10 +65,10 @@ def test_compiled_steps_are_those_of_the_sampler(energy: str) -> None:
         return parts_of(problem, moves.reference, state).at(beta)
 
     one, other = (np.random.default_rng(5) for _ in range(2))
-    walker, mixture = Walker(problem, moves, empty_state(problem)), mixture_of(moves)
+    scene_chain, mixture = SceneChain(problem, moves, empty_state(problem)), mixture_of(moves)
     at, seen, abandoned = init(density, empty_state(problem)), set(), 0
     for _ in range(1500):
-        chain, (made,) = walker.advance(one, beta, 1)
+        chain, (made,) = scene_chain.advance(one, beta, 1)
         # A mixture draws one number to choose by, as compiled steps do.
         at, info = step(other, at, log_density_fn=density, mixture=mixture)
         assert (made.move, made.accepted) == (info.move, info.accepted)
@@ -87,25 +90,25 @@ def test_more_scenelets_find_room(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(steps, "_CAPACITY", 1)
     problem = worlds.problem(20, settings=ModelSettings(likelihood=0.0, scenelet_rate=5.0))
     moves, rng = moves_of(problem), np.random.default_rng(1)
-    walker, counts = Walker(problem, moves, empty_state(problem)), []
+    scene_chain, counts = SceneChain(problem, moves, empty_state(problem)), []
     for _ in range(500):
-        chain, _ = walker.advance(rng, 0.0, 10)
-        assert walker(chain.state) == walker(State(**vars(chain.state)))
+        chain, _ = scene_chain.advance(rng, 0.0, 10)
+        assert scene_chain(chain.state) == scene_chain(State(**vars(chain.state)))
         whole = parts_of(problem, moves.reference, chain.state)
         assert chain.log_density == pytest.approx(whole.at(0.0), abs=1e-4)
         counts.append(chain.state.n_scenelets)
     assert max(counts) > 2
     several = max((random_state(problem, seed) for seed in range(20)), key=lambda s: s.n_scenelets)
-    walker = Walker(problem, moves, empty_state(problem))
-    told = walker(several)
-    walker.move(several)
-    assert walker(several) == told
+    scene_chain = SceneChain(problem, moves, empty_state(problem))
+    told = scene_chain(several)
+    scene_chain.move(several)
+    assert scene_chain(several) == told
     assert told.at(1.0) == pytest.approx(log_posterior(problem, several), abs=1e-4)
 
 
 def test_steps_at_once_or_one_by_one() -> None:
     moves = moves_of(PROBLEM)
-    whole, single = (Walker(PROBLEM, moves, empty_state(PROBLEM)) for _ in range(2))
+    whole, single = (SceneChain(PROBLEM, moves, empty_state(PROBLEM)) for _ in range(2))
     one, other = (np.random.default_rng(3) for _ in range(2))
     chain, infos = whole.advance(one, 0.5, 200)
     made = [single.advance(other, 0.5, 1) for _ in range(200)]
@@ -119,9 +122,9 @@ def test_no_number_is_refused_by_the_name_of_the_move() -> None:
     back[0, 1:] = np.inf
     moves = moves._replace(reference=moves.reference._replace(similar_to=back), weights=only)
     state = empty_state(PROBLEM).with_item(0, 4, np.array([0.1, 4.0, 0.3]))
-    walker = Walker(PROBLEM, moves, state)
+    scene_chain = SceneChain(PROBLEM, moves, state)
     with pytest.raises(FloatingPointError, match="move 'replace'"):
-        walker.advance(np.random.default_rng(0), 1.0, 200)
+        scene_chain.advance(np.random.default_rng(0), 1.0, 200)
 
 
 def test_parts_go_from_the_reference_to_the_log_posterior() -> None:

@@ -1,13 +1,13 @@
-"""The look of a person through a camera, and the inverse: position and size from a look.
+"""The pelvis of a person in the image of a camera, and the inverse: position and size from it.
 
 If the height of the pelvis is a known multiple of the body's size, its image position and the
 apparent size of the body determine x, y and log size: three numbers each. If the camera is tilted
-by a degree, the same look belongs to a position some percent nearer. The solver uses one camera and
-chains use many, so moves must account for this.
+by a degree, the same image belongs to a position some percent nearer. The solver uses one camera
+and chains use many, so moves must account for this.
 
-A look is (right, up, apparent) of a scenelet's pelvis: tangents to the right of the image centre
-and above it, and the body scale divided by the depth; all at the nominal focal length. If there is
-no valid look or position, the third number is NaN.
+An image pelvis is (right, up, apparent): tangents to the right of the image centre and above it,
+and the body scale divided by the depth; all at the nominal focal length. If there is no valid image
+or position, the third number is NaN.
 """
 
 from __future__ import annotations
@@ -21,17 +21,24 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import floor_point, seen_point
 from imapper_prob.sampling.jit import compiled, inner_inlined
-from imapper_prob.sampling.scene import Scene
+from imapper_prob.sampling.scene import StateArrays
 
-__all__ = ["carry", "log_volume", "look", "middle_heights", "reprojected", "stand"]
+__all__ = [
+    "log_image_jacobian",
+    "middle_heights",
+    "place_from_image",
+    "project_pelvis",
+    "reproject_pelvis",
+    "reproject_placements",
+]
 
 Array = NDArray[np.float64]
-Look = tuple[float, float, float]
+ImagePelvis = tuple[float, float, float]
 
 
 @compiled
-def look(camera: Array, x: float, y: float, size: float, height: float) -> Look:
-    """Look of a person at (x, y) whose pelvis has a given height in the reference body.
+def project_pelvis(camera: Array, x: float, y: float, size: float, height: float) -> ImagePelvis:
+    """Image pelvis of a person at (x, y) whose pelvis has a given height in the reference body.
 
     Parameters
     ----------
@@ -63,8 +70,8 @@ def look(camera: Array, x: float, y: float, size: float, height: float) -> Look:
 
 
 @compiled
-def stand(camera: Array, seen: Look, height: float) -> tuple[float, float, float]:
-    """Position and size of a person with a given look.
+def place_from_image(camera: Array, seen: ImagePelvis, height: float) -> tuple[float, float, float]:
+    """Position and size of a person with a given image pelvis.
 
     Parameters
     ----------
@@ -95,7 +102,7 @@ def stand(camera: Array, seen: Look, height: float) -> tuple[float, float, float
 
 
 @compiled
-def log_volume(camera: Array, apparent: float, size: float) -> float:
+def log_image_jacobian(camera: Array, apparent: float, size: float) -> float:
     """log |d(right, up, log apparent) / d(x, y, size)|.
 
     It is log(f^2 h / depth^3) for the focal scale f and the elevation h. Rays meet the plane of the
@@ -105,7 +112,7 @@ def log_volume(camera: Array, apparent: float, size: float) -> float:
     ----------
     camera : (5,) float
     apparent : float
-        Third number of the look.
+        Third number of the image pelvis.
     size : float
         Log size of the person.
 
@@ -134,16 +141,16 @@ def middle_heights(problem: Problem) -> Array:
 
 
 @compiled
-def reprojected(
-    heights: Array, scene: Scene, before: Array, after: Array, which: NDArray[np.bool_]
+def reproject_placements(
+    heights: Array, scene: StateArrays, before: Array, after: Array, which: NDArray[np.bool_]
 ) -> tuple[Array, Array, float]:
-    """Move scenelets so that they look the same through another camera.
+    """Move scenelets so that their pelvis has the same image in another camera.
 
     Parameters
     ----------
     heights : (L,) float
         :func:`middle_heights`.
-    scene : Scene
+    scene : StateArrays
     before, after : (5,) float
         Camera parameters.
     which : (k,) bool
@@ -162,16 +169,18 @@ def reprojected(
         if not which[k]:
             continue
         height = heights[scene.items[k, 0]]
-        seen = look(before, placements[k, 0], placements[k, 1], sizes[k], height)
-        x, y, size = stand(after, seen, height)
-        log_jacobian += log_volume(before, seen[2], sizes[k]) - log_volume(after, seen[2], size)
+        seen = project_pelvis(before, placements[k, 0], placements[k, 1], sizes[k], height)
+        x, y, size = place_from_image(after, seen, height)
+        log_jacobian += log_image_jacobian(before, seen[2], sizes[k]) - log_image_jacobian(
+            after, seen[2], size
+        )
         placements[k, 0], placements[k, 1], sizes[k] = x, y, size
     return placements, sizes, log_jacobian
 
 
 @inner_inlined
-def carry(height: float, where: Array, before: Array, after: Array) -> None:
-    """Transform a position in place so that it looks the same through another camera, if possible.
+def reproject_pelvis(height: float, where: Array, before: Array, after: Array) -> None:
+    """Transform a position in place so that it has the same image in another camera, if possible.
 
     Parameters
     ----------
@@ -185,7 +194,7 @@ def carry(height: float, where: Array, before: Array, after: Array) -> None:
         Camera parameters.
     """
     x, y = floor_point(where[0], where[1])
-    x, y, size = stand(after, look(before, x, y, where[3], height), height)
+    x, y, size = place_from_image(after, project_pelvis(before, x, y, where[3], height), height)
     if not math.isnan(size):
         where[0], where[1] = seen_point(x, y)
         where[3] = size
