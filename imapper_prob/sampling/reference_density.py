@@ -288,6 +288,7 @@ def _log_stretch(
     before: Array,
     work: Array,
 ) -> float:
+    """The body of :func:`log_stretch`; inlined kernels cannot allocate, so it gets workspaces."""
     n_scenelets, n_frames = len(reference.kinds), len(reference.frames_left) - 1
     kind, end, left, total = START, START, NONE_BEFORE, 0.0
     for k in range(max(first - 1, 0), last):

@@ -72,6 +72,7 @@ def _subtract(from_: Array, mean: Array, offset: Array) -> None:
 
 @inner
 def _multiply(matrix: Array, vector: Array, product: Array) -> None:
+    """Write the product to ``product``; numba's own needs a counted kernel."""
     np.dot(matrix, vector, product)
 
 

@@ -133,7 +133,7 @@ class _SharedMovesType(types.StructRef):
 class SharedMoves(structref.StructRefProxy):
     """Data of the moves, which are passed to compiled code by one address; see :func:`share_moves`.
 
-    Unpacking some fifty arrays at every call takes as long as a step.
+    Some fifty arrays would otherwise be unpacked at every call.
 
     Parameters
     ----------

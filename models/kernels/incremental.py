@@ -233,6 +233,7 @@ def _place_scene(
     sizes: Array,
     latent: Array,
 ) -> float:
+    """The body of :func:`place_scene`, inlined so that it does not count references."""
     if not in_support(camera) or not _in_order(problem, items):
         return -math.inf
     n, n_old, terms = len(items), max(n_before, 0), cache.terms
@@ -339,6 +340,7 @@ def commit(evaluator: Evaluator) -> None:
 
 @inner_inlined
 def _commit(cache: Cache) -> None:
+    """The body of :func:`commit`, inlined so that it does not count references."""
     for i in range(cache.slots.shape[1]):
         cache.slots[0, i] = cache.slots[1, i]
     for t in range(cache.cover.shape[1]):
