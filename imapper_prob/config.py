@@ -53,7 +53,7 @@ class SampleSettings:
         Number of independent chains, from over-dispersed starts.
     steps : int
         Steps of each chain at each temperature. Burn-in and spacing of draws are relative to it.
-        The default is chosen: the smallest public scene then takes about five minutes on two cores
+        The default is chosen by time: Scene10 of i3DB then takes about five minutes on two cores
         (``python -m lab.seeds``).
     temperatures : int
         Largest number of tempered copies of each chain that swap their states. They reach from
@@ -79,7 +79,7 @@ class SampleSettings:
     """
 
     chains: int = 4
-    steps: int = 130_000
+    steps: int = 200_000
     temperatures: int = 8
     swap_every: int = 5
     burn_in: float = 0.3

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -18,9 +19,12 @@ from imapper_prob.results.posterior import Posterior
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.simulate.clips import simulate_clip
 
-__all__ = ["digest", "is_whole", "named_clip", "sampled", "with_steps"]
+__all__ = ["SHORT_STEPS", "digest", "is_whole", "named_clip", "sampled", "with_steps"]
 
 _SIMULATED = "simulated-"
+SHORT_STEPS: Final = 26_000
+"""Steps of chains where scores are compared, not probabilities; chosen: many runs then take hours,
+not a day."""
 
 
 def named_clip(name: str) -> Clip:

@@ -22,7 +22,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.config import SampleSettings
 from imapper_prob.evaluate.probability import posterior_predictions
 from imapper_prob.evaluate.score import Score, known_clip, score, summarise
 from imapper_prob.evaluate.tables import markdown_table, object_rows, pose_rows
@@ -31,7 +30,7 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.simulate.clips import simulate_clip, simulate_track
 from imapper_prob.simulate.scene import hidden_joints
-from lab.kept import sampled
+from lab.kept import SHORT_STEPS, sampled
 
 __all__ = ["passed", "passing"]
 
@@ -82,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("folder", type=Path)
     parser.add_argument("--clips", type=int, default=6)
-    parser.add_argument("--steps", type=int, default=SampleSettings().steps // 5)
+    parser.add_argument("--steps", type=int, default=SHORT_STEPS)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args(arguments)

@@ -18,9 +18,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from imapper_prob.config import SampleSettings
 from imapper_prob.models.scene import Truth
 from imapper_prob.models.skeleton import PELV
+from lab.kept import SHORT_STEPS
 from lab.told import row, sampled
 
 
@@ -40,7 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("scene", type=Path, help="folder of an i3DB scene with its truth")
     parser.add_argument("picture", type=Path, help="PNG that is written")
-    parser.add_argument("--steps", type=int, default=SampleSettings().steps // 5, help="of chains")
+    parser.add_argument("--steps", type=int, default=SHORT_STEPS, help="of chains")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args(arguments)
     before, seen, truth, told = sampled(options.scene, options.steps, options.workers)

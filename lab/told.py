@@ -1,6 +1,6 @@
 """What is it worth to be told something about a scene?
 
-    python -m lab.told I3DB_FOLDER FOLDER [--steps 20000] [--workers 2]
+    python -m lab.told I3DB_FOLDER FOLDER [--steps 26000] [--workers 2]
 
 samples each scene briefly, then conditions the posterior on one true statement at a time: the
 height of the camera; walls; the label of one seat; the place of one object; boxes of furniture as
@@ -32,7 +32,6 @@ from shapely import Polygon, unary_union
 
 import imapper_prob as im
 from imapper_prob.clips.i3db import read_i3db_truth
-from imapper_prob.config import SampleSettings
 from imapper_prob.evaluate.prediction import prediction_of_scene
 from imapper_prob.evaluate.score import known_scene, scenes_with_truth, score, summarise
 from imapper_prob.evaluate.truth import TruthInView
@@ -41,7 +40,7 @@ from imapper_prob.models.scene import SEATS, Clip, SceneObject, Truth
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import PELV, SCORED
 from imapper_prob.models.statements import Statement
-from lab.kept import digest, with_steps
+from lab.kept import SHORT_STEPS, digest, with_steps
 from lab.mixing import note
 
 Array = NDArray[np.float64]
@@ -324,7 +323,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("scenes", type=Path, help="folder of i3DB scenes with their truth")
     parser.add_argument("folder", type=Path, help="what is done is kept here")
-    parser.add_argument("--steps", type=int, default=SampleSettings().steps // 5, help="of chains")
+    parser.add_argument("--steps", type=int, default=SHORT_STEPS, help="of chains")
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args(arguments)
     options.folder.mkdir(parents=True, exist_ok=True)

@@ -92,7 +92,7 @@ def test_default_blocks() -> None:
     while len(ends) < 14:
         ends.append(block_end(sample, ends[-1]))
     steps = [5 * end for end in ends]
-    assert steps[:5] == [61_800, 84_600, 107_400, 130_000, 152_800]
+    assert steps[:5] == [95_000, 130_000, 165_000, 200_000, 235_000]
     kept = [draws_of(sample).kept(end) for end in ends]
     assert kept[3] == 800
     assert max(kept) <= 1600
@@ -100,11 +100,11 @@ def test_default_blocks() -> None:
 
 
 def test_a_last_step_within_burn_in_is_refused() -> None:
-    assert end_of(SampleSettings(last_step=39_001)) == 7800 + 40
-    assert end_of(SampleSettings(last_step=130_001)) == 26_000 + 40
-    assert end_of(SampleSettings(last_step=129_999)) == 26_000
-    with pytest.raises(InputError, match="last_step = 39000 must be beyond the burn-in"):
-        SampleSettings(last_step=39_000)
+    assert end_of(SampleSettings(last_step=60_001)) == 12_000 + 40
+    assert end_of(SampleSettings(last_step=200_001)) == 40_000 + 40
+    assert end_of(SampleSettings(last_step=199_999)) == 40_000
+    with pytest.raises(InputError, match="last_step = 60000 must be beyond the burn-in"):
+        SampleSettings(last_step=60_000)
 
 
 def test_learning_is_as_often_as_said() -> None:
