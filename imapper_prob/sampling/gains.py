@@ -30,7 +30,7 @@ from imapper_prob.models.kernels.frame import (
     lens_of,
     mix_likelihoods,
     set_detections,
-    set_own_likelihoods,
+    set_free_likelihoods,
     set_visibility_likelihoods,
     take_logs,
     visibility_probabilities,
@@ -184,7 +184,7 @@ def _gain_workspace(problem: Problem) -> _GainWorkspace:
     visibility_probabilities(seen, 1, problem.sight_width, problem.visibility_error)
     for t in range(n_frames):
         set_detections(problem, t, uv, params, t)
-        set_own_likelihoods(problem, t, scratch64, likelihoods, 0)
+        set_free_likelihoods(problem, t, scratch64, likelihoods, 0)
         mix_likelihoods(likelihoods, 0, seen, 0, scratch64, logs[:, t:])
     take_logs(logs, n_frames)
     weight = problem.frame_weight * problem.likelihood

@@ -24,15 +24,15 @@ from imapper_prob.models.kernels.given import (
     PICTURE_OF_OBJECT,
     SAID,
     WRONG,
-    find_shares,
     probability_right,
+    set_shares,
 )
 from imapper_prob.models.kernels.measured import (
     ERRORS,
     detection_rate,
-    find_outline,
     measure_box,
     measure_object,
+    project_outline,
     resize,
     set_errors,
 )
@@ -98,7 +98,7 @@ def as_told(
         for row in range(count):
             for k, label in enumerate(own):
                 labels = problem.given_labels[first + row]
-                find_shares(problem.label_chance, labels, label, shares[row, k])
+                set_shares(problem.label_chance, labels, label, shares[row, k])
         if isinstance(said, ObjectAt):
             pieces.measure(rng, said, problem.given[s], shares[0])
         else:
@@ -231,7 +231,7 @@ class _Pieces:
         )
         for k, case in np.ndindex(*self._boxes.shape[:2]):
             box, turn = self._boxes[k, case], self._turns[k]
-            find_outline(lens, self._camera, box, turn, edges[k, case], slopes[k, case])
+            project_outline(lens, self._camera, box, turn, edges[k, case], slopes[k, case])
         outlines = np.ascontiguousarray(edges[:, 0])
         rates = [detection_rate(said.rate, outlines, k, person) for k in range(len(outlines))]
         for box, own in zip(boxes, shares, strict=True):

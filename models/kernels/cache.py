@@ -25,12 +25,12 @@ from imapper_prob.models.problem import TERMS, Problem
 
 __all__ = [
     "ADDED",
+    "AS_DETECTED",
     "EMISSION",
+    "FLIPPED",
     "KEPT",
     "REMOVED",
-    "RIGHT",
     "UNUSED",
-    "WRONG",
     "Cache",
     "Evaluator",
     "open_evaluator",
@@ -40,7 +40,7 @@ UNUSED, KEPT, ADDED, REMOVED = range(4)
 EMISSION = 5
 """Numbers of a frame's emission: the greater of the two weighted log-densities (sides as they are,
 and flipped), both densities relative to it, and the two unweighted log-likelihoods, nats."""
-RIGHT, WRONG = 3, 4
+AS_DETECTED, FLIPPED = 3, 4
 """Indices of the unweighted log-likelihoods: sides as they are, and flipped."""
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -74,15 +74,15 @@ class Cache(NamedTuple):
         Size of person and furniture, a factor.
     pelvis : (S, 6) float
         Bearing and log depth of the pelvis in the first frame, and in the last two.
-    placed : (S,) float
+    placement_log_density : (S,) float
         Log density of placement and size given the pelvis, nats.
-    pairs : (S, S) float
+    collision_costs : (S, S) float
         Cost of collisions between the objects of two scenelets, nats.
     counts : (S,) int
         Number of boxes of each slot.
     boxes : (S B, 7) float
         World frame.
-    turns : (S B, 3) float
+    rotations : (S B, 3) float
         Cosine and sine of the yaw, and half a diagonal.
     occluders : (S B, 15) single
         See `set_occluder`.
@@ -114,11 +114,11 @@ class Cache(NamedTuple):
         See `set_body_columns`.
     ground : (2 T, 4) float
         See `set_body_columns`.
-    sunk : (2 T,) float
+    floor_depths : (2 T,) float
         Depth of the lowest joint below the floor, metres.
     likelihoods : (2 T, 64) float
         Likelihoods of covered frames, see `LIKELIHOODS`.
-    gaps : (S, 2 T, 16) single
+    slot_clearance : (S, 2 T, 16) single
         Clearance of the joints from a slot's boxes, metres, where ``near``.
     near : (S, 2 T) uint8
         Whether any box of the slot may come near a line of sight.
@@ -140,24 +140,24 @@ class Cache(NamedTuple):
         See `set_detections`.
     params : (T, 2, 7, 16) single
         See `set_detections`.
-    told : (T,) uint8
+    detections_set : (T,) uint8
         Whether ``uv`` and ``params`` of the frame are filled in.
-    own : (T, 64) float
+    free_likelihoods : (T, 64) float
         Likelihoods of a free frame, see `LIKELIHOODS`.
-    own_told : (T,) uint8
-        Whether ``own`` of the frame is filled in.
-    bare : (T, 5) float
+    free_likelihoods_set : (T,) uint8
+        Whether ``free_likelihoods`` of the frame is filled in.
+    free_emissions : (T, 5) float
         Emissions of a free frame without any occlusion; NaN until computed.
     ceilings : (3 T, 5) float
         Emissions of covered frames if every joint is hidden or seen as explains its detection
         better, in the frame's row of poses; of free frames in row 2 T + t. NaN until computed.
-    watched : (T,) uint8
+    detected : (T,) uint8
         Whether the frame has any detection.
     every : (T,) int
         Indices of all frames.
     frames : (T,) int
         The frames that moved, then the frames whose emissions are to be computed.
-    weighed : (T,) int
+    emission_rows : (T,) int
         Rows of the latter in ``clearance`` and ``emissions``.
     seen : (T, 16) single
         See `visibility_probabilities`.
@@ -165,7 +165,7 @@ class Cache(NamedTuple):
         See `mix_likelihoods`.
     scratch32 : (SCRATCH32,) single
     scratch64 : (SCRATCH64,) float
-    drawn : (T, 2) float
+    free_path : (T, 2) float
         Path of the free frames.
     bounds : (T, 5) float
         Upper bounds of the proposal's emissions.
@@ -184,11 +184,11 @@ class Cache(NamedTuple):
     sizes: Array
     bodies: Array
     pelvis: Array
-    placed: Array
-    pairs: Array
+    placement_log_density: Array
+    collision_costs: Array
     counts: Ints
     boxes: Array
-    turns: Array
+    rotations: Array
     occluders: Singles
     footprints: Array
     hulls: Singles
@@ -204,9 +204,9 @@ class Cache(NamedTuple):
     views: Singles
     columns: Array
     ground: Array
-    sunk: Array
+    floor_depths: Array
     likelihoods: Array
-    gaps: Singles
+    slot_clearance: Singles
     near: Flags
     depths: Array
     sum_at: Flags
@@ -217,20 +217,20 @@ class Cache(NamedTuple):
     poses: Array
     uv: Array
     params: Singles
-    told: Flags
-    own: Array
-    own_told: Flags
-    bare: Array
+    detections_set: Flags
+    free_likelihoods: Array
+    free_likelihoods_set: Flags
+    free_emissions: Array
     ceilings: Array
-    watched: Flags
+    detected: Flags
     every: Ints
     frames: Ints
-    weighed: Ints
+    emission_rows: Ints
     seen: Singles
     logs: Array
     scratch32: Singles
     scratch64: Array
-    drawn: Array
+    free_path: Array
     bounds: Array
     displaced: Array
     terms: Array
@@ -297,13 +297,13 @@ def _new_cache(problem: Problem, capacity: int) -> Cache:
     pool = np.empty(8 * doubles + 4 * singles + (_PIECES + 1) * _CACHE_LINE, np.uint8)
     at = np.empty(1, np.int64)
     at[0] = (_CACHE_LINE - np.int64(pool.ctypes.data) % _CACHE_LINE) % _CACHE_LINE
-    poses, watched = _doubles(pool, at, n * 48).reshape((n, 3, 16)), np.zeros(n, np.uint8)
+    poses, detected = _doubles(pool, at, n * 48).reshape((n, 3, 16)), np.zeros(n, np.uint8)
     for t in range(n):
         for axis in range(3):
             for j in range(16):
                 poses[t, axis, j] = problem.poses[t, j, axis]
         for j in range(16):
-            watched[t] |= problem.used[t, j]
+            detected[t] |= problem.used[t, j]
 
     return Cache(
         slots=np.zeros((2, n_slots + 1), np.int64),
@@ -316,11 +316,11 @@ def _new_cache(problem: Problem, capacity: int) -> Cache:
         sizes=np.empty(n_slots),
         bodies=np.empty(n_slots),
         pelvis=np.empty((n_slots, 6)),
-        placed=np.empty(n_slots),
-        pairs=np.empty((n_slots, n_slots)),
+        placement_log_density=np.empty(n_slots),
+        collision_costs=np.empty((n_slots, n_slots)),
         counts=np.zeros(n_slots, np.int64),
         boxes=np.empty((all_boxes, 7)),
-        turns=np.empty((all_boxes, 3)),
+        rotations=np.empty((all_boxes, 3)),
         occluders=np.empty((all_boxes, OCCLUDER), np.float32),
         footprints=np.empty((all_boxes, 4)),
         hulls=np.empty((n_slots, VIEW), np.float32),
@@ -336,9 +336,9 @@ def _new_cache(problem: Problem, capacity: int) -> Cache:
         views=np.empty((rows, VIEW), np.float32),
         columns=_doubles(pool, at, rows * 20).reshape((rows, 5, 4)),
         ground=np.empty((rows, 4)),
-        sunk=np.empty(rows),
+        floor_depths=np.empty(rows),
         likelihoods=_doubles(pool, at, rows * LIKELIHOODS).reshape((rows, LIKELIHOODS)),
-        gaps=_singles(pool, at, n_slots * rows * 16).reshape((n_slots, rows, 16)),
+        slot_clearance=_singles(pool, at, n_slots * rows * 16).reshape((n_slots, rows, 16)),
         # For a removed slot, rows are read in which the slot was never written.
         near=np.zeros((n_slots, rows), np.uint8),
         depths=_doubles(pool, at, n_slots * rows).reshape((n_slots, rows)),
@@ -350,20 +350,20 @@ def _new_cache(problem: Problem, capacity: int) -> Cache:
         poses=poses,
         uv=_doubles(pool, at, n * 64).reshape((n, 2, 2, 16)),
         params=_singles(pool, at, n * 2 * PARAMS * 16).reshape((n, 2, PARAMS, 16)),
-        told=np.zeros(n, np.uint8),
-        own=_doubles(pool, at, n * LIKELIHOODS).reshape((n, LIKELIHOODS)),
-        own_told=np.zeros(n, np.uint8),
-        bare=np.full((n, EMISSION), np.nan),
+        detections_set=np.zeros(n, np.uint8),
+        free_likelihoods=_doubles(pool, at, n * LIKELIHOODS).reshape((n, LIKELIHOODS)),
+        free_likelihoods_set=np.zeros(n, np.uint8),
+        free_emissions=np.full((n, EMISSION), np.nan),
         ceilings=np.full((3 * n, EMISSION), np.nan),
-        watched=watched,
+        detected=detected,
         every=np.arange(n),
         frames=np.empty(n, np.int64),
-        weighed=np.empty(n, np.int64),
+        emission_rows=np.empty(n, np.int64),
         seen=_singles(pool, at, n * 16).reshape((n, 16)),
         logs=np.empty((4, n)),
         scratch32=_singles(pool, at, SCRATCH32),
         scratch64=_doubles(pool, at, SCRATCH64),
-        drawn=np.empty((n, 2)),
+        free_path=np.empty((n, 2)),
         bounds=np.empty((n, EMISSION)),
         displaced=np.empty(N_DISPLACED),
         terms=np.zeros(len(TERMS)),

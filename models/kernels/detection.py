@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.jit import compiled, inner_inlined
-from imapper_prob.models.kernels.cache import EMISSION, RIGHT, WRONG, Cache
+from imapper_prob.models.kernels.cache import AS_DETECTED, EMISSION, FLIPPED, Cache
 from imapper_prob.models.kernels.frame import (
     cap_likelihoods,
     mix_likelihoods,
-    set_own_likelihoods,
+    set_free_likelihoods,
     take_logs,
     visibility_probabilities,
 )
@@ -77,10 +77,10 @@ def forward_filter(
     for t in range(n):
         if starts[t]:
             predicted = usual
-        right, wrong = weight * by_frame[t, 0], weight * by_frame[t, 1]
-        top = max(right, wrong)
-        stays = (1.0 - predicted) * math.exp(right - top)
-        turned = predicted * math.exp(wrong - top)
+        as_detected, as_flipped = weight * by_frame[t, 0], weight * by_frame[t, 1]
+        top = max(as_detected, as_flipped)
+        stays = (1.0 - predicted) * math.exp(as_detected - top)
+        turned = predicted * math.exp(as_flipped - top)
         both = stays + turned
         shares[t] = top + math.log(both)
         flipped[t] = turned / both
@@ -110,11 +110,11 @@ def flip_probabilities(
             continue
         # p(s_t | all) = sum over s_{t+1} of p(s_{t+1} | all) p(s_t | s_{t+1}, past).
         now = forward[t]
-        to_swapped = (1.0 - now) * begins + now * (1.0 - ends)
-        to_right = (1.0 - now) * (1.0 - begins) + now * ends
+        to_flipped = (1.0 - now) * begins + now * (1.0 - ends)
+        to_unflipped = (1.0 - now) * (1.0 - begins) + now * ends
         result[t] = (
-            result[t + 1] * now * (1.0 - ends) / to_swapped
-            + (1.0 - result[t + 1]) * now * ends / to_right
+            result[t + 1] * now * (1.0 - ends) / to_flipped
+            + (1.0 - result[t + 1]) * now * ends / to_unflipped
         )
     return result
 
@@ -158,12 +158,14 @@ _TINY = 1e-100
 
 
 @inner_inlined
-def _set_emission(right: float, wrong: float, weight: float, emissions: Array, row: int) -> None:
+def _set_emission(
+    as_detected: float, flipped: float, weight: float, emissions: Array, row: int
+) -> None:
     """Write the emission from log-likelihoods with sides as they are and flipped, nats."""
-    emissions[row, 0] = weight * max(right, wrong)
-    less = math.exp(-weight * abs(right - wrong))
-    emissions[row, 1], emissions[row, 2] = (1.0, less) if right > wrong else (less, 1.0)
-    emissions[row, RIGHT], emissions[row, WRONG] = right, wrong
+    emissions[row, 0] = weight * max(as_detected, flipped)
+    less = math.exp(-weight * abs(as_detected - flipped))
+    emissions[row, 1], emissions[row, 2] = (1.0, less) if as_detected > flipped else (less, 1.0)
+    emissions[row, AS_DETECTED], emissions[row, FLIPPED] = as_detected, flipped
 
 
 @inner_inlined
@@ -193,34 +195,44 @@ def update_emissions(problem: Problem, cache: Cache, n: int) -> None:
     n : int
         Number of scenelets of the proposal.
     """
-    n_weighed = _reuse_emissions(cache, n)
-    cover, frames, weighed, rows = cache.cover, cache.frames, cache.weighed, cache.pose_row
-    own, likelihoods, seen, scratch64 = cache.own, cache.likelihoods, cache.seen, cache.scratch64
-    emissions, bare, clearance = cache.emissions, cache.bare, cache.clearance
+    n_emissions = _reuse_emissions(cache, n)
+    cover, frames, emission_rows, rows = (
+        cache.cover,
+        cache.frames,
+        cache.emission_rows,
+        cache.pose_row,
+    )
+    free_likelihoods, likelihoods, seen, scratch64 = (
+        cache.free_likelihoods,
+        cache.likelihoods,
+        cache.seen,
+        cache.scratch64,
+    )
+    emissions, free_emissions, clearance = cache.emissions, cache.free_emissions, cache.clearance
     weight, logs = problem.frame_weight * problem.likelihood, cache.logs
-    visibility_probabilities(seen, n_weighed, problem.sight_width, problem.visibility_error)
-    for i in range(n_weighed):
+    visibility_probabilities(seen, n_emissions, problem.sight_width, problem.visibility_error)
+    for i in range(n_emissions):
         t = frames[i]
         if cover[1, t] >= 0:
             mix_likelihoods(likelihoods, rows[t], seen, i, scratch64, logs)
         else:
-            _know_own(problem, cache, t)
-            mix_likelihoods(own, t, seen, i, scratch64, logs)
-    take_logs(logs, n_weighed)
-    for i in range(n_weighed):
-        t, to = frames[i], weighed[i]
+            _ensure_free_likelihoods(problem, cache, t)
+            mix_likelihoods(free_likelihoods, t, seen, i, scratch64, logs)
+    take_logs(logs, n_emissions)
+    for i in range(n_emissions):
+        t, to = frames[i], emission_rows[i]
         _set_emission(logs[0, i], logs[1, i], weight, emissions, to)
-        if cover[1, t] < 0 and math.isnan(bare[t, 0]) and _nothing_near(clearance, to):
+        if cover[1, t] < 0 and math.isnan(free_emissions[t, 0]) and _nothing_near(clearance, to):
             for k in range(EMISSION):
-                bare[t, k] = emissions[to, k]
+                free_emissions[t, k] = emissions[to, k]
 
 
 @inner_inlined
-def _know_own(problem: Problem, cache: Cache, t: int) -> None:
+def _ensure_free_likelihoods(problem: Problem, cache: Cache, t: int) -> None:
     """Fill in the likelihoods of frame ``t`` in its static pose, once."""
-    if not cache.own_told[t]:
-        set_own_likelihoods(problem, t, cache.scratch64, cache.own, t)
-        cache.own_told[t] = 1
+    if not cache.free_likelihoods_set[t]:
+        set_free_likelihoods(problem, t, cache.scratch64, cache.free_likelihoods, t)
+        cache.free_likelihoods_set[t] = 1
 
 
 @inner_inlined
@@ -237,7 +249,7 @@ def bound_emissions(problem: Problem, cache: Cache) -> None:
     """
     n_frames, n_missing = len(cache.changed), 0
     cover, rows, ceilings = cache.cover, cache.pose_row, cache.ceilings
-    changed, missing, bounds = cache.changed, cache.weighed, cache.bounds
+    changed, missing, bounds = cache.changed, cache.emission_rows, cache.bounds
     scratch64, logs = cache.scratch64, cache.logs
     for t in range(n_frames):
         row = rows[t] if cover[1, t] >= 0 else 2 * n_frames + t
@@ -245,8 +257,8 @@ def bound_emissions(problem: Problem, cache: Cache) -> None:
             if cover[1, t] >= 0:
                 cap_likelihoods(cache.likelihoods, row, scratch64, n_missing, logs)
             else:
-                _know_own(problem, cache, t)
-                cap_likelihoods(cache.own, t, scratch64, n_missing, logs)
+                _ensure_free_likelihoods(problem, cache, t)
+                cap_likelihoods(cache.free_likelihoods, t, scratch64, n_missing, logs)
             missing[n_missing] = row
             n_missing += 1
     take_logs(logs, n_missing)
@@ -268,13 +280,23 @@ def bound_emissions(problem: Problem, cache: Cache) -> None:
 def _reuse_emissions(cache: Cache, n: int) -> int:
     """Update clearances of the changed frames, and copy emissions that are already known.
 
-    The remaining frames, their rows and their clearances are written to ``frames``, ``weighed`` and
-    ``seen``; returns their number.
+    The remaining frames, their rows and their clearances are written to ``frames``,
+    ``emission_rows`` and ``seen``; returns their number.
     """
     changed, moved, cover, near = cache.changed, cache.moved, cache.cover, cache.near
     rows, sum_rows = cache.pose_row, cache.sum_row
-    gaps, clearance, scratch32, slots = cache.gaps, cache.clearance, cache.scratch32, cache.slots
-    emissions, bare, seen, n_weighed = cache.emissions, cache.bare, cache.seen, 0
+    slot_clearance, clearance, scratch32, slots = (
+        cache.slot_clearance,
+        cache.clearance,
+        cache.scratch32,
+        cache.slots,
+    )
+    emissions, free_emissions, seen, n_emissions = (
+        cache.emissions,
+        cache.free_emissions,
+        cache.seen,
+        0,
+    )
     for t in range(len(changed)):
         if not changed[t]:
             continue
@@ -286,9 +308,11 @@ def _reuse_emissions(cache: Cache, n: int) -> int:
             slot = slots[1, i]
             if near[slot, row]:
                 bounded = True
-                for j in range(gaps.shape[2]):
+                for j in range(slot_clearance.shape[2]):
                     # The redundant cap makes it three operands, as in `visibility._pass_by`.
-                    scratch32[GAP + j] = min(min(scratch32[GAP + j], gaps[slot, row, j]), _CAP)
+                    scratch32[GAP + j] = min(
+                        min(scratch32[GAP + j], slot_clearance[slot, row, j]), _CAP
+                    )
         for j in range(clearance.shape[1]):
             clearance[to, j] = scratch32[GAP + j]
         covered = cover[1, t] >= 0
@@ -296,15 +320,15 @@ def _reuse_emissions(cache: Cache, n: int) -> int:
         if not posed and not _differ(clearance, before, to):
             for k in range(EMISSION):
                 emissions[to, k] = emissions[before, k]
-        elif covered or bounded or math.isnan(bare[t, 0]):
-            cache.frames[n_weighed], cache.weighed[n_weighed] = t, to
+        elif covered or bounded or math.isnan(free_emissions[t, 0]):
+            cache.frames[n_emissions], cache.emission_rows[n_emissions] = t, to
             for j in range(seen.shape[1]):
-                seen[n_weighed, j] = scratch32[GAP + j]
-            n_weighed += 1
+                seen[n_emissions, j] = scratch32[GAP + j]
+            n_emissions += 1
         else:
             for k in range(EMISSION):
-                emissions[to, k] = bare[t, k]
-    return n_weighed
+                emissions[to, k] = free_emissions[t, k]
+    return n_emissions
 
 
 @inner_inlined
@@ -326,10 +350,10 @@ def forward_log_likelihood(problem: Problem, cache: Cache) -> float:
         sum_emissions(problem, cache.emissions, cache.sum_row),
         sum_free_poses(problem, cache),
     )
-    below, poses, sunk, watched = 0.0, cache.pose_row, cache.sunk, cache.watched
+    below, poses, floor_depths, detected = 0.0, cache.pose_row, cache.floor_depths, cache.detected
     for t in range(len(poses)):
-        if watched[t]:
-            below += sunk[poses[t]]
+        if detected[t]:
+            below += floor_depths[poses[t]]
     weight, terms = problem.frame_weight * problem.likelihood, cache.terms
     terms[DETECTIONS] = total
     terms[FREE_POSE] = -free

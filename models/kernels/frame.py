@@ -32,7 +32,7 @@ __all__ = [
     "lens_of",
     "mix_likelihoods",
     "set_detections",
-    "set_own_likelihoods",
+    "set_free_likelihoods",
     "set_visibility_likelihoods",
     "take_logs",
     "visibility_probabilities",
@@ -269,7 +269,7 @@ def set_visibility_likelihoods(
 
 
 @inner_inlined
-def set_own_likelihoods(
+def set_free_likelihoods(
     problem: Problem, t: int, scratch64: Array, likelihoods: Array, to: int
 ) -> None:
     """Likelihoods of a free frame in its static pose; they do not depend on the camera.

@@ -32,10 +32,10 @@ from imapper_prob.models.kernels.measured import (
     ERRORS,
     LOG_2PI,
     detection_rate,
-    find_outline,
     log_normal,
     measure_box,
     measure_object,
+    project_outline,
     resize,
     set_errors,
 )
@@ -59,8 +59,8 @@ __all__ = [
     "SAID",
     "SAME_OBJECT",
     "WRONG",
-    "find_shares",
     "probability_right",
+    "set_shares",
     "sum_given",
     "weigh_labels",
 ]
@@ -90,8 +90,8 @@ def _normal_cdf(x: float) -> float:
 
 
 @inner
-def _find_pieces(
-    problem: Problem, cache: Cache, n: int, pieces: Array, turns: Array, owners: Ints
+def _gather_pieces(
+    problem: Problem, cache: Cache, n: int, pieces: Array, rotations: Array, owners: Ints
 ) -> Ints:
     """Find the objects of a proposal; an object that occurs in several scenelets counts once.
 
@@ -104,7 +104,7 @@ def _find_pieces(
         See :func:`sum_given`.
     pieces : (K, 7) float
         Output: bounding boxes in the world frame, see :data:`PIECE`.
-    turns : (K, 2) float
+    rotations : (K, 2) float
         Output: cosine and sine of their yaws.
     owners : (B,) int
         Output: index of the object of each box in the cache; -1 for unused boxes.
@@ -134,7 +134,7 @@ def _find_pieces(
                 low[1], high[1] = min(low[1], at_y - box[4]), max(high[1], at_y + box[4])
                 low[2], high[2] = min(low[2], box[2] - box[5]), max(high[2], box[2] + box[5])
                 b += 1
-            piece, turn = pieces[count], turns[count]
+            piece, turn = pieces[count], rotations[count]
             mid_x, mid_y = 0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])
             piece[0], piece[1] = rotated(c, s, mid_x, mid_y)
             piece[2] = 0.5 * (low[2] + high[2])
@@ -147,7 +147,7 @@ def _find_pieces(
                 if met == count and labels[j] == labels[count]:
                     front = problem.label_front[labels[j]]
                     alike = not front or math.cos(pieces[j, 6] - yaw) > merges
-                    if alike and overlap_depth(pieces[j], turns[j], piece, turn) > 0.0:
+                    if alike and overlap_depth(pieces[j], rotations[j], piece, turn) > 0.0:
                         met = j
             owners[slot * size + begins : slot * size + b] = met
             if met == count:
@@ -156,7 +156,7 @@ def _find_pieces(
 
 
 @compiled
-def find_shares(chance: Array, said: Array, label: int, shares: Array) -> None:
+def set_shares(chance: Array, said: Array, label: int, shares: Array) -> None:
     """Probabilities of the cases in which a piece has one of some labels.
 
     Parameters
@@ -187,7 +187,7 @@ def probability_right(doubt: float, shares: Array) -> float:
     ----------
     doubt : float
     shares : (k, 1 + C) float
-        See :func:`find_shares`.
+        See :func:`set_shares`.
 
     Returns
     -------
@@ -206,7 +206,7 @@ def _all_shares(problem: Problem, labels: Ints) -> Array:
     shares = np.empty((len(rows), len(labels), 1 + rows.shape[1]))
     for row in range(len(rows)):
         for k in range(len(labels)):
-            find_shares(problem.label_chance, rows[row], labels[k], shares[row, k])
+            set_shares(problem.label_chance, rows[row], labels[k], shares[row, k])
     return shares
 
 
@@ -265,7 +265,7 @@ def _as_case(sides: Array, own: Array, case: int, piece: Array) -> None:
 
 @inner
 def _object(
-    problem: Problem, camera: Array, s: int, pieces: Array, turns: Array, shares: Array
+    problem: Problem, camera: Array, s: int, pieces: Array, rotations: Array, shares: Array
 ) -> float:
     """Term of `ObjectAt`: measured position, size or image box of an object of some labels.
 
@@ -282,7 +282,7 @@ def _object(
                 _as_case(problem.label_sides, pieces[k], case, piece)
                 set_errors(piece, spread, mean, covariance)
                 each[k, case] = measure_object(
-                    numbers[SAID:], lens, camera, piece, turns[k], mean, covariance
+                    numbers[SAID:], lens, camera, piece, rotations[k], mean, covariance
                 )
                 best = max(best, each[k, case])
     wrong = math.log(numbers[0]) + numbers[WRONG]
@@ -317,7 +317,7 @@ def _presence(problem: Problem, s: int, pieces: Array, shares: Array) -> float:
 
 
 @inner
-def _room(problem: Problem, cache: Cache, s: int, pieces: Array, turns: Array) -> float:
+def _room(problem: Problem, cache: Cache, s: int, pieces: Array, rotations: Array) -> float:
     """Term of `Room`: whether furniture and pelvis are inside the walls; the answer is yes.
 
     Numbers: doubt, std of the walls (m).
@@ -331,7 +331,7 @@ def _room(problem: Problem, cache: Cache, s: int, pieces: Array, turns: Array) -
         )
     probability, spread = _normal_cdf(nearest / numbers[1]), _spread_of(problem)
     for k in range(len(pieces)):
-        piece, turn, nearest = pieces[k], turns[k], math.inf
+        piece, turn, nearest = pieces[k], rotations[k], math.inf
         for corner in range(4):
             x, y = corner_of(piece, turn, corner, 0.0)
             nearest = min(nearest, _inside(problem.given_rows, first, end, x, y))
@@ -392,7 +392,7 @@ def _far_from(
         for k in range(slot * size, slot * size + cache.counts[slot]):
             if not wanted[k]:
                 continue
-            box, turn = cache.boxes[k], cache.turns[k]
+            box, turn = cache.boxes[k], cache.rotations[k]
             along, across = rotated_back(turn[0], turn[1], x - box[0], y - box[1])
             u, v = max(abs(along) - box[3], 0.0), max(abs(across) - box[4], 0.0)
             if sits:
@@ -474,7 +474,7 @@ def _directions(piece: Array, turn: Array, angles: Array) -> None:
 
 
 @inner
-def _behind(problem: Problem, s: int, pieces: Array, turns: Array, shares: Array) -> float:
+def _behind(problem: Problem, s: int, pieces: Array, rotations: Array, shares: Array) -> float:
     """Term of `Behind`: whether an object is behind another from the camera; the answer is yes.
 
     Its centre is farther away, and the ranges of bearings overlap. Numbers: doubt. The second row
@@ -486,13 +486,13 @@ def _behind(problem: Problem, s: int, pieces: Array, turns: Array, shares: Array
         if shares[row, k].sum() == 0.0:
             continue
         far = math.hypot(pieces[k, 0], pieces[k, 1])
-        _directions(pieces[k], turns[k], own)
+        _directions(pieces[k], rotations[k], own)
         for j in range(len(pieces)):
             both = shares[row, k].sum() * shares[row + 1, j].sum()
             if j == k or both == 0.0:
                 continue
             near = math.hypot(pieces[j, 0], pieces[j, 1])
-            _directions(pieces[j], turns[j], other)
+            _directions(pieces[j], rotations[j], other)
             one = _spread_at(spread, pieces[k], 0.0)
             two = _spread_at(spread, pieces[j], 0.0)
             shared = min(own[1], other[1]) - max(own[0], other[0])
@@ -525,7 +525,7 @@ def _pictured(
     camera: Array,
     s: int,
     pieces: Array,
-    turns: Array,
+    rotations: Array,
     shares: Array,
 ) -> float:
     """Term of `Seen`: output of an object detector, a Poisson process of labelled boxes.
@@ -543,7 +543,7 @@ def _pictured(
     edges, slopes = np.empty(5), np.empty((4, ERRORS))
     _person(problem, cache, camera, kinds[5], person)
     for k in range(count):
-        find_outline(lens, camera, pieces[k], turns[k], outlines[k], slopes)
+        project_outline(lens, camera, pieces[k], rotations[k], outlines[k], slopes)
     total = -numbers[1]
     for k in range(count):
         rates[k] = detection_rate(numbers[0], outlines, k, person)
@@ -555,7 +555,7 @@ def _pictured(
             for case in range(len(own)):
                 if own[case] > 0.0 and rates[k] > 0.0:
                     _as_case(problem.label_sides, pieces[k], case, piece)
-                    find_outline(lens, camera, piece, turns[k], edges, slopes)
+                    project_outline(lens, camera, piece, rotations[k], edges, slopes)
                     set_errors(piece, spread, mean, covariance)
                     box = problem.given_rows[kinds[2] + d]
                     near = measure_box(box, numbers[3], edges, slopes, mean, covariance)
@@ -591,7 +591,7 @@ def _term(
     camera: Array,
     s: int,
     pieces: Array,
-    turns: Array,
+    rotations: Array,
     owners: Ints,
     shares: Array,
 ) -> float:
@@ -600,11 +600,11 @@ def _term(
     if kind == NUMBER:
         value = _number(problem, camera, s)
     elif kind == OBJECT:
-        value = _object(problem, camera, s, pieces, turns, shares)
+        value = _object(problem, camera, s, pieces, rotations, shares)
     elif kind == PRESENCE:
         value = _presence(problem, s, pieces, shares)
     elif kind == ROOM:
-        value = _room(problem, cache, s, pieces, turns)
+        value = _room(problem, cache, s, pieces, rotations)
     elif kind == POINT:
         value = _point(problem, cache, camera, s)
     elif kind == DEPTH:
@@ -614,23 +614,23 @@ def _term(
     elif kind == SAME_OBJECT:
         value = _same_object(problem, cache, s, owners, shares, n)
     elif kind == BEHIND:
-        value = _behind(problem, s, pieces, turns, shares)
+        value = _behind(problem, s, pieces, rotations, shares)
     else:
-        value = _pictured(problem, cache, camera, s, pieces, turns, shares)
+        value = _pictured(problem, cache, camera, s, pieces, rotations, shares)
     return float(value)
 
 
 @inner
 def _gather(problem: Problem, cache: Cache, n: int) -> tuple[Array, Array, Ints, Ints, Array]:
-    """Boxes, turns and categories of a proposal's objects, owners of boxes, and shares."""
+    """Boxes, rotations and categories of a proposal's objects, owners of boxes, and shares."""
     most = 0
     for i in range(n):
         most += cache.counts[cache.slots[1, i]]
-    pieces, turns = np.empty((most, PIECE)), np.empty((most, 2))
+    pieces, rotations = np.empty((most, PIECE)), np.empty((most, 2))
     owners = np.full(len(cache.boxes), -1, np.int64)
-    labels = _find_pieces(problem, cache, n, pieces, turns, owners)
+    labels = _gather_pieces(problem, cache, n, pieces, rotations, owners)
     count = len(labels)
-    return pieces[:count], turns[:count], labels, owners, _all_shares(problem, labels)
+    return pieces[:count], rotations[:count], labels, owners, _all_shares(problem, labels)
 
 
 @inner
@@ -651,9 +651,9 @@ def sum_given(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
     float
     """
     total = 0.0
-    pieces, turns, _, owners, shares = _gather(problem, cache, n)
+    pieces, rotations, _, owners, shares = _gather(problem, cache, n)
     for s in range(len(problem.given)):
-        value = _term(problem, cache, n, camera, s, pieces, turns, owners, shares)
+        value = _term(problem, cache, n, camera, s, pieces, rotations, owners, shares)
         total += problem.given_power[s] * value
     return total
 
@@ -681,7 +681,7 @@ def weigh_labels(evaluator: Evaluator, n: int, camera: Array) -> tuple[Array, In
         pieces are summed out.
     """
     problem, cache = evaluator.problem, evaluator.cache
-    pieces, turns, labels, owners, shares = _gather(problem, cache, n)
+    pieces, rotations, labels, owners, shares = _gather(problem, cache, n)
     chance, rows = problem.label_chance, problem.given_labels
     values = np.full((len(labels), len(chance)), -math.inf)
     only, cases = np.empty(len(chance)), np.empty(1 + len(chance))
@@ -690,7 +690,7 @@ def weigh_labels(evaluator: Evaluator, n: int, camera: Array) -> tuple[Array, In
         for label in range(len(chance)):
             only[:] = 0.0
             only[label] = 1.0
-            find_shares(chance, only, labels[k], cases)
+            set_shares(chance, only, labels[k], cases)
             if cases.sum() == 0.0:
                 continue
             for row in range(len(rows)):
@@ -698,7 +698,7 @@ def weigh_labels(evaluator: Evaluator, n: int, camera: Array) -> tuple[Array, In
             values[k, label] = math.log(cases.sum())
             for s in range(len(problem.given)):
                 values[k, label] += _term(
-                    problem, cache, n, camera, s, pieces, turns, owners, shares
+                    problem, cache, n, camera, s, pieces, rotations, owners, shares
                 )
         shares[:, k] = summed_out
     return pieces, labels, values

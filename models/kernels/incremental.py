@@ -30,11 +30,11 @@ from numpy.typing import NDArray
 from imapper_prob.models.jit import compiled, inner, inner_inlined
 from imapper_prob.models.kernels.cache import (
     ADDED,
+    AS_DETECTED,
+    FLIPPED,
     KEPT,
     REMOVED,
-    RIGHT,
     UNUSED,
-    WRONG,
     Cache,
     Evaluator,
 )
@@ -46,19 +46,19 @@ from imapper_prob.models.kernels.detection import (
     update_emissions,
 )
 from imapper_prob.models.kernels.given import sum_given
-from imapper_prob.models.kernels.path import find_path
+from imapper_prob.models.kernels.path import update_path
 from imapper_prob.models.kernels.placement import fill_slot, in_support, sum_pairs
 from imapper_prob.models.kernels.posing import (
     copy_joints,
-    find_changed,
-    find_likelihoods,
-    find_near,
-    find_penetrations,
     list_moved,
+    mark_changed,
+    mark_near,
     pose_joints,
     sum_jumps,
     sum_penetrations,
     trace_lines,
+    update_likelihoods,
+    update_penetrations,
 )
 from imapper_prob.models.kernels.stays import unsupported
 from imapper_prob.models.problem import (
@@ -170,18 +170,18 @@ def weigh_placed(
     terms[SMOOTHNESS] = sum_jumps(problem, cache, n, camera)
     terms[COLLISION] = sum_pairs(problem, cache, n)
     terms[SUPPORT] = -problem.likelihood * unsupported(problem.stays, problem.lowered, items)
-    find_likelihoods(problem, cache, n, camera)
+    update_likelihoods(problem, cache, n, camera)
     if least > -math.inf:
-        find_near(cache, n)
-        find_changed(cache, n, n_old)
+        mark_near(cache, n)
+        mark_changed(cache, n, n_old)
         bound_emissions(problem, cache)
         costs = terms[SMOOTHNESS] + terms[COLLISION] + terms[SUPPORT] + terms[GIVEN]
         bound = sum_emissions(problem, cache.bounds, cache.every)
         if costs + bound - sum_free_poses(problem, cache) < least - _ROUNDING:
             return -math.inf
     trace_lines(cache, n_moved, camera)
-    find_penetrations(cache, n, n_moved)
-    find_changed(cache, n, n_old)
+    update_penetrations(cache, n, n_moved)
+    mark_changed(cache, n, n_old)
     update_emissions(problem, cache, n)
     terms[MOTION] = sum_penetrations(problem, cache, n)
     costs = terms[SMOOTHNESS] + terms[COLLISION] + terms[MOTION] + terms[SUPPORT] + terms[GIVEN]
@@ -242,7 +242,7 @@ def _place_scene(
     anew = n_before < 0
     for a in range(5):
         anew = anew or camera[a] != camera_before[a]
-    _find_slots(cache, n_old, items, placements, sizes, anew)
+    _assign_slots(cache, n_old, items, placements, sizes, anew)
     prior = problem.camera_constant
     for a in range(5):
         for b in range(5):
@@ -257,9 +257,9 @@ def _place_scene(
             cache.items[slot, 2] = items[i, 1] + _length(problem, items[i, 0])
             fill_slot(problem, cache, camera, slot)
         terms[ASSIGNMENT] += problem.log_rate[items[i, 0]]
-        terms[PLACEMENT] += cache.placed[slot]
-        prior += problem.log_rate[items[i, 0]] + cache.placed[slot]
-    terms[PATH] = find_path(problem, cache, n, n_old, camera, latent, latent_before, anew)
+        terms[PLACEMENT] += cache.placement_log_density[slot]
+        prior += problem.log_rate[items[i, 0]] + cache.placement_log_density[slot]
+    terms[PATH] = update_path(problem, cache, n, n_old, camera, latent, latent_before, anew)
     return prior + terms[PATH]  # type: ignore[no-any-return]
 
 
@@ -287,7 +287,7 @@ def _in_order(problem: Problem, items: Ints) -> bool:
 
 
 @inner_inlined
-def _find_slots(
+def _assign_slots(
     cache: Cache, n_old: int, items: Ints, placements: Array, sizes: Array, anew: bool
 ) -> None:
     """Assign every unchanged scenelet its old slot, and every other one a free slot."""
@@ -374,7 +374,7 @@ def read_proposed(evaluator: Evaluator, joints: Array, by_frame: Array) -> Array
     if evaluator.problem.likelihood != 0.0:
         for t in range(len(by_frame)):
             row = cache.sum_row[t]
-            by_frame[t, 0] = cache.emissions[row, RIGHT]
-            by_frame[t, 1] = cache.emissions[row, WRONG]
+            by_frame[t, 0] = cache.emissions[row, AS_DETECTED]
+            by_frame[t, 1] = cache.emissions[row, FLIPPED]
     copy_joints(cache, joints)
     return cache.terms.copy()

@@ -282,7 +282,7 @@ def aabb_disjoint(ground: Array, row: int, footprints: Array, k: int) -> bool:
 
 
 @inlined
-def depth_in_box(columns: Array, row: int, boxes: Array, turns: Array, k: int) -> float:
+def depth_in_box(columns: Array, row: int, boxes: Array, rotations: Array, k: int) -> float:
     """Depth of the deepest body column in a box.
 
     Parameters
@@ -293,7 +293,7 @@ def depth_in_box(columns: Array, row: int, boxes: Array, turns: Array, k: int) -
         The body's.
     boxes : (K, 7) float
         In the world.
-    turns : (K, 3) float
+    rotations : (K, 3) float
         Cosine and sine of their yaws, and half a diagonal (m).
     k : int
         The box.
@@ -304,12 +304,12 @@ def depth_in_box(columns: Array, row: int, boxes: Array, turns: Array, k: int) -
         Metres; 0 outside.
     """
     dx, dy = columns[row, 0, 0] - boxes[k, 0], columns[row, 0, 1] - boxes[k, 1]
-    if dx * dx + dy * dy > (turns[k, 2] + _REACH) ** 2:
+    if dx * dx + dy * dy > (rotations[k, 2] + _REACH) ** 2:
         return 0.0
     depth = 0.0
     for i in range(5):
         x, y, low, high = (
             columns[row, i, 0], columns[row, i, 1], columns[row, i, 2], columns[row, i, 3],
         )  # fmt: skip
-        depth = max(depth, column_depth(x, y, low, high, boxes[k], turns[k]))
+        depth = max(depth, column_depth(x, y, low, high, boxes[k], rotations[k]))
     return depth

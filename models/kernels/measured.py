@@ -29,10 +29,10 @@ __all__ = [
     "ERRORS",
     "LOG_2PI",
     "detection_rate",
-    "find_outline",
     "log_normal",
     "measure_box",
     "measure_object",
+    "project_outline",
     "resize",
     "set_errors",
 ]
@@ -122,7 +122,7 @@ def _measure(mean: Array, covariance: Array, slope: Array, off: float, variance:
 
 
 @compiled
-def find_outline(
+def project_outline(
     lens: Array, camera: Array, piece: Array, turn: Array, edges: Array, slopes: Array
 ) -> None:
     """The box of a piece in the image, and how it changes with the errors of the piece.
@@ -194,7 +194,7 @@ def measure_box(
     std : float
         Standard deviation of each, pixels.
     edges, slopes : (5,), (4, 5) float
-        See :func:`find_outline`.
+        See :func:`project_outline`.
     mean, covariance : (5,), (5, 5) float
         Of the errors; changed.
 
@@ -223,7 +223,7 @@ def measure_object(
         x, y, their standard deviation (m), width, depth, height, theirs (m), left, top, right,
         bottom, and theirs (px). Parts with deviation 0 were not measured.
     lens, camera, piece, turn
-        See :func:`find_outline`.
+        See :func:`project_outline`.
     mean, covariance : (5,), (5, 5) float
         Of the errors; changed.
 
@@ -245,7 +245,7 @@ def measure_object(
             total += _measure(mean, covariance, slope, said[3 + a] - slope[2 + a], said[6] ** 2)
     if said[11] > 0.0:
         edges, slopes = np.empty(5), np.empty((4, ERRORS))
-        find_outline(lens, camera, piece, turn, edges, slopes)
+        project_outline(lens, camera, piece, turn, edges, slopes)
         total += measure_box(said[7:11], said[11], edges, slopes, mean, covariance)
     return total
 

@@ -10,10 +10,10 @@ given: its first frame is one more step, and the process continues from its last
 first frame of each person nothing is known. Within a stay the error along the view is constant
 after the first :attr:`~imapper_prob.models.problem.Problem.stay_steps` frames.
 
-:func:`find_path` computes the log density with all free frames marginalised, and a path drawn from
-their conditional distribution as a function of standard normal variables. If these stay the same
-while scenelets move, the path changes as little as possible. :func:`pose_jump` is the paper's L_s
-for the other joints; it is used where motions of different origin meet (a static pose and a
+:func:`update_path` computes the log density with all free frames marginalised, and a path drawn
+from their conditional distribution as a function of standard normal variables. If these stay the
+same while scenelets move, the path changes as little as possible. :func:`pose_jump` is the paper's
+L_s for the other joints; it is used where motions of different origin meet (a static pose and a
 scenelet, or two scenelets).
 """
 
@@ -32,7 +32,7 @@ from imapper_prob.models.kernels.cache import ADDED, Cache
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import N_JOINTS, PELV
 
-__all__ = ["DOF", "draw_segment", "find_path", "pose_jump", "steps_of_depth"]
+__all__ = ["DOF", "draw_segment", "pose_jump", "steps_of_depth", "update_path"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -86,7 +86,7 @@ def draw_segment(
     left: int,
     right: int,
     steps: Ints,
-    drawn: Array,
+    free_path: Array,
 ) -> float:
     """Marginalise the free frames of the path between two scenelets, and draw them.
 
@@ -106,7 +106,7 @@ def draw_segment(
         Slots of the scenelets before and after; -1 for none.
     steps : (T,) int
         Workspace.
-    drawn : (T, 2) float
+    free_path : (T, 2) float
         Output: bearing and log depth in the free frames.
 
     Returns
@@ -157,7 +157,7 @@ def draw_segment(
         error += draws[0, row, ahead, 2] * latent[t, 0]
         near, far = error, near
         error += means[0, row, 0] * bearing + means[0, row, 1] * bearing_before
-        drawn[t, 0] = shrunk * (centres[t, 0] + scales[t, 0] * error)
+        free_path[t, 0] = shrunk * (centres[t, 0] + scales[t, 0] * error)
         if depth_ahead == 0 or steps[t - first] != steps[t - first + 1]:
             k = depth_ahead
             error = draws[1, depth_row, k, 0] * depth_near + draws[1, depth_row, k, 1] * depth_far
@@ -165,13 +165,13 @@ def draw_segment(
             depth_near, depth_far = error, depth_near
             depth_ahead = min(depth_ahead + 1, 2)
         error = depth_near + means[1, depth_row, 0] * depth + means[1, depth_row, 1] * depth_before
-        drawn[t, 1] = offset + centres[t, 1] + scales[t, 1] * error
+        free_path[t, 1] = offset + centres[t, 1] + scales[t, 1] * error
         ahead = min(ahead + 1, 2)
     return evidence
 
 
 @inner_inlined
-def find_path(
+def update_path(
     problem: Problem,
     cache: Cache,
     n: int,
@@ -204,7 +204,7 @@ def find_path(
     n_frames = len(problem.lift)
     before, after, cover, role = cache.slots[0], cache.slots[1], cache.cover, cache.role
     pose_at, moved, rows = cache.pose_at, cache.moved, cache.pose_row
-    path, drawn = cache.path, cache.drawn
+    path, free_path = cache.path, cache.free_path
     for t in range(n_frames):
         moved[t] = 0
         rows[t] = t + n_frames * np.int64(pose_at[t])
@@ -228,11 +228,12 @@ def find_path(
             cache.evidence[1, i] = draw_segment(
                 problem.path_starts, problem.path_stay, problem.stay_steps,
                 problem.path_centre, problem.path_scale, problem.path_mean, problem.path_draw,
-                camera, latent, first, last, cache.pelvis, left, right, cache.weighed, drawn,
+                camera, latent, first, last, cache.pelvis, left, right, cache.emission_rows,
+                free_path,
             )  # fmt: skip
             for t in range(first, last):
                 now = rows[t]
-                x, y = drawn[t, 0], drawn[t, 1]
+                x, y = free_path[t, 0], free_path[t, 1]
                 if (
                     anew
                     or cover[0, t] >= 0

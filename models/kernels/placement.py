@@ -93,7 +93,7 @@ def place_boxes(
     -------
     boxes : (K, 7) float
         In the world.
-    turns : (K, 3) float
+    rotations : (K, 3) float
         Cosine and sine of their yaws, and half a diagonal (m).
     owner : (K, 3) int
         Item, object and label of each box.
@@ -104,7 +104,7 @@ def place_boxes(
     for i in range(len(items)):
         n += problem.box_first[items[i, 0] + 1] - problem.box_first[items[i, 0]]
     boxes = np.empty((n, 7))
-    turns = np.empty((n, 3))
+    rotations = np.empty((n, 3))
     owner = np.empty((n, 3), dtype=np.int64)
     yaws = np.empty(n)
     k = 0
@@ -113,12 +113,12 @@ def place_boxes(
         body = math.exp(camera[3] + sizes[i])
         for b in range(problem.box_first[items[i, 0]], problem.box_first[items[i, 0] + 1]):
             x, y = placements[i, 0], placements[i, 1]
-            _place_box(problem.boxes, b, body, x, y, yaw, boxes[k], turns[k])
+            _place_box(problem.boxes, b, body, x, y, yaw, boxes[k], rotations[k])
             owner[k, 0], owner[k, 1] = i, problem.box_object[b]
             owner[k, 2] = problem.box_label[b]
             yaws[k] = problem.box_yaw[b] + yaw
             k += 1
-    return boxes, turns, owner, yaws
+    return boxes, rotations, owner, yaws
 
 
 @inner_inlined
@@ -141,10 +141,10 @@ def fill_slot(problem: Problem, cache: Cache, camera: Array, slot: int) -> None:
     depth = _pelvis(problem, cache, camera, slot, first, 0)
     # Change of variables from (bearing, log depth) of the first pelvis to (x, y).
     cosine = math.cos(camera[0]) * math.cos(camera[4])
-    cache.placed[slot] = math.log(cosine / (depth * depth))
+    cache.placement_log_density[slot] = math.log(cosine / (depth * depth))
     start, yaw = cache.items[slot, 1], cache.placements[slot, 2]
-    cache.placed[slot] += log_yaw_density(problem, scenelet, start, yaw)
-    cache.placed[slot] += _log_size_density(cache.sizes[slot], problem.size_spread)
+    cache.placement_log_density[slot] += log_yaw_density(problem, scenelet, start, yaw)
+    cache.placement_log_density[slot] += _log_size_density(cache.sizes[slot], problem.size_spread)
 
 
 @inner_inlined
@@ -173,7 +173,7 @@ def _place_boxes(problem: Problem, cache: Cache, camera: Array, slot: int) -> No
     cache.counts[slot] = last - first
     for b in range(first, last):
         k = slot * size + b - first
-        box, turn = cache.boxes[k], cache.turns[k]
+        box, turn = cache.boxes[k], cache.rotations[k]
         _place_box(problem.boxes, b, body, px, py, yaw, box, turn)
         cache.labels[k] = problem.box_label[b]
         cache.yaws[k] = problem.box_yaw[b] + yaw
@@ -193,7 +193,7 @@ def _collide(problem: Problem, cache: Cache, one: int, other: int) -> float:
     if aabb_disjoint(cache.floors, one, cache.floors, other):
         return 0.0
     size = len(cache.boxes) // len(cache.counts)
-    labels, yaws, boxes, turns = cache.labels, cache.yaws, cache.boxes, cache.turns
+    labels, yaws, boxes, rotations = cache.labels, cache.yaws, cache.boxes, cache.rotations
     merges = math.cos(problem.merge_angle)
     total = 0.0
     for i in range(one * size, one * size + cache.counts[one]):
@@ -204,7 +204,7 @@ def _collide(problem: Problem, cache: Cache, one: int, other: int) -> float:
                 front = problem.label_front[labels[i]]
                 if not front or math.cos(yaws[i] - yaws[k]) > merges:
                     continue
-            total += overlap_depth(boxes[i], turns[i], boxes[k], turns[k])
+            total += overlap_depth(boxes[i], rotations[i], boxes[k], rotations[k])
     sums = cache.displaced
     sums[:] = 0.0
     add_displaced_depth(total, BOTH * problem.furniture_spread, sums)
@@ -232,9 +232,9 @@ def sum_pairs(problem: Problem, cache: Cache, n: int) -> float:
         for k in range(i):
             one, other = cache.slots[1, i], cache.slots[1, k]
             if cache.role[one] == ADDED or cache.role[other] == ADDED:
-                cache.pairs[one, other] = _collide(problem, cache, one, other)
-                cache.pairs[other, one] = cache.pairs[one, other]
-            cost += cache.pairs[one, other]
+                cache.collision_costs[one, other] = _collide(problem, cache, one, other)
+                cache.collision_costs[other, one] = cache.collision_costs[one, other]
+            cost += cache.collision_costs[one, other]
     return -problem.likelihood * cost
 
 

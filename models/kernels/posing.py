@@ -38,15 +38,15 @@ from imapper_prob.models.view import floor_point
 
 __all__ = [
     "copy_joints",
-    "find_changed",
-    "find_likelihoods",
-    "find_near",
-    "find_penetrations",
     "list_moved",
+    "mark_changed",
+    "mark_near",
     "pose_joints",
     "sum_jumps",
     "sum_penetrations",
     "trace_lines",
+    "update_likelihoods",
+    "update_penetrations",
 ]
 
 Array = NDArray[np.float64]
@@ -110,7 +110,7 @@ def copy_joints(cache: Cache, joints: Array) -> None:
 
 
 @inner_inlined
-def find_likelihoods(problem: Problem, cache: Cache, n: int, camera: Array) -> None:
+def update_likelihoods(problem: Problem, cache: Cache, n: int, camera: Array) -> None:
     """Compute likelihoods of detections for hidden and for seen joints in all new scenelets.
 
     Parameters
@@ -124,7 +124,7 @@ def find_likelihoods(problem: Problem, cache: Cache, n: int, camera: Array) -> N
     for i in range(n):
         slot = cache.slots[1, i]
         if cache.role[slot] == ADDED:
-            _find_likelihoods(problem, cache, camera, slot)
+            _update_likelihoods(problem, cache, camera, slot)
 
 
 @inner_inlined
@@ -139,7 +139,7 @@ def trace_lines(cache: Cache, n_moved: int, camera: Array) -> None:
     camera : (5,) float
     """
     rows, joints, lines, views = cache.pose_row, cache.joints, cache.lines, cache.views
-    columns, ground, sunk = cache.columns, cache.ground, cache.sunk
+    columns, ground, floor_depths = cache.columns, cache.ground, cache.floor_depths
     # Separate loops: a row that was just stored in parts cannot be read again without delay.
     for i in range(n_moved):
         ray_endpoints(camera[1], joints, lines, rows[cache.frames[i]])
@@ -148,7 +148,7 @@ def trace_lines(cache: Cache, n_moved: int, camera: Array) -> None:
     for i in range(n_moved):
         row = rows[cache.frames[i]]
         set_body_columns(joints, row, columns, ground, row)
-        sunk[row] = depth_below_floor(joints, row)
+        floor_depths[row] = depth_below_floor(joints, row)
 
 
 @inner_inlined
@@ -170,17 +170,17 @@ def _pose_covered_frames(problem: Problem, cache: Cache, slot: int) -> None:
 
 
 @inner_inlined
-def _find_likelihoods(problem: Problem, cache: Cache, camera: Array, slot: int) -> None:
+def _update_likelihoods(problem: Problem, cache: Cache, camera: Array, slot: int) -> None:
     """Compute likelihoods of detections for hidden and seen joints in all frames of ``slot``."""
     lens, body = lens_of(problem, camera), cache.bodies[slot]
     joints, rows, likelihoods = cache.joints, cache.pose_row, cache.likelihoods
     uv, params, scratch64, scratch32 = cache.uv, cache.params, cache.scratch64, cache.scratch32
-    told, tolerance = cache.told, problem.pose_tolerance
+    detections_set, tolerance = cache.detections_set, problem.pose_tolerance
     for t in range(cache.items[slot, 1], cache.items[slot, 2]):
         row = rows[t]
-        if not told[t]:
+        if not detections_set[t]:
             set_detections(problem, t, uv, params, t)
-            told[t] = 1
+            detections_set[t] = 1
         set_visibility_likelihoods(
             lens, tolerance, body, joints, row, uv, params, t,
             scratch64, scratch32, likelihoods, row,
@@ -244,7 +244,7 @@ def sum_jumps(problem: Problem, cache: Cache, n: int, camera: Array) -> float:
 
 
 @inner_inlined
-def find_penetrations(cache: Cache, n: int, n_moved: int) -> None:
+def update_penetrations(cache: Cache, n: int, n_moved: int) -> None:
     """Update clearance and penetration: all frames for new scenelets, moved frames for the others.
 
     Parameters
@@ -268,15 +268,15 @@ def _penetration(cache: Cache, slot: int, frames: Ints, n: int) -> None:
     """
     size = len(cache.boxes) // len(cache.counts)
     first, last = slot * size, slot * size + cache.counts[slot]
-    rows, cover, watched, lines = cache.pose_row, cache.cover, cache.watched, cache.lines
+    rows, cover, detected, lines = cache.pose_row, cache.cover, cache.detected, cache.lines
     hulls, floors, views, ground = cache.hulls, cache.floors, cache.views, cache.ground
-    scratch32, occluders, gaps, columns = (
+    scratch32, occluders, slot_clearance, columns = (
         cache.scratch32,
         cache.occluders,
-        cache.gaps,
+        cache.slot_clearance,
         cache.columns,
     )
-    footprints, boxes, turns = cache.footprints, cache.boxes, cache.turns
+    footprints, boxes, rotations = cache.footprints, cache.boxes, cache.rotations
     for i in range(n):
         t = frames[i]
         row = rows[t]
@@ -284,19 +284,19 @@ def _penetration(cache: Cache, slot: int, frames: Ints, n: int) -> None:
         if near:
             open_bounds(scratch32)
             near = update_clearance(occluders, first, last, lines, views, row, scratch32)
-            for j in range(gaps.shape[2]):
-                gaps[slot, row, j] = scratch32[GAP + j]
+            for j in range(slot_clearance.shape[2]):
+                slot_clearance[slot, row, j] = scratch32[GAP + j]
         cache.near[slot, row] = near
         depth = 0.0
-        if watched[t] and cover[1, t] != slot and not aabb_disjoint(ground, row, floors, slot):
+        if detected[t] and cover[1, t] != slot and not aabb_disjoint(ground, row, floors, slot):
             for k in range(first, last):
                 if not aabb_disjoint(ground, row, footprints, k):
-                    depth += depth_in_box(columns, row, boxes, turns, k)
+                    depth += depth_in_box(columns, row, boxes, rotations, k)
         cache.depths[slot, row] = depth
 
 
 @inner_inlined
-def find_near(cache: Cache, n: int) -> None:
+def mark_near(cache: Cache, n: int) -> None:
     """Mark where new furniture may be near a line of sight, in frames that did not move.
 
     Parameters
@@ -315,7 +315,7 @@ def find_near(cache: Cache, n: int) -> None:
 
 
 @inner_inlined
-def find_changed(cache: Cache, n: int, n_old: int) -> None:
+def mark_changed(cache: Cache, n: int, n_old: int) -> None:
     """Find the frames whose emission may change.
 
     These are frames that moved, and frames in which boxes near a line of sight came or went.
