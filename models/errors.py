@@ -115,9 +115,13 @@ def require_number(
     InputError
         The value is of another type, not finite, or outside the range.
     """
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+        finite = isinstance(value, Real) and math.isfinite(number)
+    except (OverflowError, TypeError, ValueError):
+        finite = False
+    if not finite:
         raise InputError(f"{what} = {value!r:.60} must be a finite number")
-    number = float(value)
     if not above < number < below:
         bounds = "positive" if (above, below) == (0, math.inf) else f"in ({above:g}, {below:g})"
         raise InputError(f"{what} = {value} must be {bounds}")

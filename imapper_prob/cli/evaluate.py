@@ -49,6 +49,7 @@ from imapper_prob.evaluate.suite import (
     evaluate,
     posterior_coverage,
     prepare_suite,
+    require_different_names,
     sample_all,
     sampled,
     solve_all,
@@ -97,11 +98,26 @@ def evaluate_results(options: argparse.Namespace) -> None:
     if (options.suite is None) == (not options.results):
         raise InputError("name either results, or a folder of scenes with --suite")
     if options.suite is None:
+        _require_no_options_of_suite(options)
         _runs(options)
+    elif options.truth is not None:
+        raise InputError("--truth works with results only; scenes of --suite have their own")
     elif options.output is None:
         raise InputError("--suite needs a folder for its results, -o DIR")
     else:
         _suite(options)
+
+
+def _require_no_options_of_suite(options: argparse.Namespace) -> None:
+    """Refuse options that have no effect without ``--suite``."""
+    of_suite = (
+        "exploration", "solver_only", "config", "leave_one_out", "predictions", "detections",
+        "depths", "cluster",
+    )  # fmt: skip
+    for name in of_suite:
+        if getattr(options, name):
+            option = name.replace("_", "-")
+            raise InputError(f"--{option} works with --suite DIR only; leave it out for results")
 
 
 def _runs(options: argparse.Namespace) -> None:
@@ -264,6 +280,8 @@ def run_suite(options: argparse.Namespace) -> SuiteResult:
     config = Config() if options.config is None else read_config(options.config)
     scenes = scenes_with_truth(options.suite)
     _require_files_of_methods(options, scenes)
+    known = {scene.name: known_scene(scene) for scene in scenes}
+    methods = {name: _of_methods(scene, options) for name, scene in known.items()}
     others = scenes[0].parent if options.leave_one_out else None
     prepare_suite(options.output, config, others=others)
     parts = PARTS if options.exploration else PARTS[-1:]
@@ -275,18 +293,17 @@ def run_suite(options: argparse.Namespace) -> SuiteResult:
             tasks, workers=options.workers, cluster=cluster, progress=progress
         ):
             raise Stopped("what there is was kept")
-    known = {scene.name: known_scene(scene) for scene in scenes}
-    return _scored(tasks, known, parts, options)
+    return _scored(tasks, known, methods, parts)
 
 
-_OF_METHODS = {"predictions": "*.json", "detections": "*.json", "depths": "*.npz"}
+_FILES_OF_METHODS = {"predictions": "*.json", "detections": "*.json", "depths": "*.npz"}
 """Options that name a folder with one folder a scene, and the files in these."""
 
 
 def _require_files_of_methods(options: argparse.Namespace, scenes: Sequence[Path]) -> None:
     """Refuse a folder of other methods without a file for any scene; warn of what is not read."""
     names = [scene.name for scene in scenes]
-    for name, pattern in _OF_METHODS.items():
+    for name, pattern in _FILES_OF_METHODS.items():
         folder = getattr(options, name)
         if folder is None:
             continue
@@ -325,8 +342,8 @@ def _executor(cluster: Cluster | None, workers: int) -> Iterator[Executor]:
 def _scored(
     tasks: Sequence[Task],
     known: dict[str, KnownScene],
+    methods: dict[str, _OfMethods],
     parts: Sequence[float],
-    options: argparse.Namespace,
 ) -> SuiteResult:
     explored = []
     for part in parts:
@@ -339,10 +356,7 @@ def _scored(
         )
     # The last part is the whole clip, the only one that other methods have results for.
     ours = list(dict.fromkeys(p.name for _, found in answers for p in found))
-    whole = [
-        (truth, (*found, *_others(known[truth.name], options.predictions)))
-        for truth, found in answers
-    ]
+    whole = [(truth, (*found, *methods[truth.name].predictions)) for truth, found in answers]
     evaluation = evaluate(whole, posteriors)
     figures = {f"{truth.name}.png": top_view_figure(truth, found) for truth, found in whole}
     if posteriors:
@@ -353,7 +367,8 @@ def _scored(
             truth,
             {name: s for name, found in evaluation.scores.items() for s in found
              if s.clip == truth.name},
-            *_in_the_image(known[truth.name], options),
+            methods[truth.name].regions,
+            methods[truth.name].depths,
         )
         for truth, _ in whole
     }  # fmt: skip
@@ -363,12 +378,33 @@ def _scored(
     return SuiteResult(evaluation, ours, theirs, figures, explored, clips)
 
 
-def _in_the_image(
-    known: KnownScene, options: argparse.Namespace
-) -> tuple[dict[str, int], dict[str, NDArray[np.float64]]]:
-    """Results of region detectors and depth estimators, from files in one folder a scene."""
+@dataclass(frozen=True, eq=False)
+class _OfMethods:
+    """Results of other methods for a scene.
+
+    Parameters
+    ----------
+    predictions : tuple of Prediction
+        Of the authors, the baselines, and files.
+    regions : dict of str to int
+        Number of objects that each region detector finds.
+    depths : dict of str to array
+        Errors of each depth estimator, metres.
+    """
+
+    predictions: tuple[Prediction, ...]
+    regions: dict[str, int]
+    depths: dict[str, NDArray[np.float64]]
+
+
+def _of_methods(known: KnownScene, options: argparse.Namespace) -> _OfMethods:
+    """Results of other methods, from files in one folder a scene."""
     camera, name = known.clip.camera, known.clip.name
-    regions, depths = {}, {}
+    predictions, regions, depths = known.others, {}, {}
+    if options.predictions is not None:
+        files = sorted((options.predictions / name).glob("*.json"))
+        predictions = (*predictions, *(read_prediction(file, known.clip) for file in files))
+        require_different_names(name, predictions)
     if options.detections is not None:
         for path in sorted((options.detections / name).glob("*.json")):
             found = read_regions(path, known.clip)
@@ -376,7 +412,7 @@ def _in_the_image(
     if options.depths is not None:
         for path in sorted((options.depths / name).glob("*.npz")):
             depths[path.stem] = depth_errors(read_depths(path, known.clip), known.truth, camera)
-    return regions, depths
+    return _OfMethods(predictions, regions, depths)
 
 
 def _answers(
@@ -393,11 +429,3 @@ def _answers(
             scores.append(score_posterior(posteriors[task], truth, name=task.run.name))
         answers.append((truth, found))
     return answers, scores
-
-
-def _others(known: KnownScene, predictions: Path | None) -> tuple[Prediction, ...]:
-    """Predictions of the authors, the baselines, and other methods' files."""
-    if predictions is None:
-        return known.others
-    files = sorted((predictions / known.clip.name).glob("*.json"))
-    return (*known.others, *(read_prediction(file, known.clip) for file in files))

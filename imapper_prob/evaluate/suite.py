@@ -62,6 +62,7 @@ __all__ = [
     "library_of",
     "posterior_coverage",
     "prepare_suite",
+    "require_different_names",
     "sample_all",
     "sampled",
     "solve_all",
@@ -187,6 +188,25 @@ class Evaluation:
         ]
 
 
+def require_different_names(clip: str, predictions: Sequence[Prediction]) -> None:
+    """Refuse two predictions of one name.
+
+    Parameters
+    ----------
+    clip : str
+        Name of the clip that they are of.
+    predictions : sequence of Prediction
+
+    Raises
+    ------
+    InputError
+    """
+    names = [prediction.name for prediction in predictions]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{name}: two results for {clip} are called so")
+
+
 def evaluate(
     answers: Iterable[tuple[TruthInView, Sequence[Prediction]]],
     posteriors: Iterable[PosteriorScore] = (),
@@ -211,10 +231,8 @@ def evaluate(
     """
     scores: dict[str, list[Score]] = {}
     for truth, predictions in answers:
-        names = [prediction.name for prediction in predictions]
+        require_different_names(truth.name, predictions)
         for prediction in predictions:
-            if names.count(prediction.name) > 1:
-                raise InputError(f"{prediction.name}: two results for {truth.name} are called so")
             scores.setdefault(prediction.name, []).append(score(prediction, truth))
     return Evaluation(scores, list(posteriors))
 

@@ -170,6 +170,15 @@ def test_faults_are_named(folder: Path, tmp_path: Path, capsys: pytest.CaptureFi
         (["--suite", str(tmp_path)], "needs a folder for its results"),
         ([str(clip), "-o", str(tmp_path)], "name the scene that it is of"),
         ([str(clip)], "name a folder for evaluation.json"),
+        (
+            [str(folder), "--predictions", str(tmp_path)],
+            "--predictions works with --suite DIR only",
+        ),
+        ([str(folder), "--solver-only"], "--solver-only works with --suite DIR only"),
+        (
+            ["--suite", str(tmp_path), "-o", str(tmp_path / "out"), "--truth", str(tmp_path)],
+            "--truth works with results only",
+        ),
         ([str(tmp_path / "none")], "no such file"),
     ):
         assert main(["evaluate", *arguments]) == 2

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import imapper_prob.cli.evaluate as evaluate_command
 from imapper_prob.cli import main
 from imapper_prob.cli.evaluate import _require_files_of_methods
 from imapper_prob.clips.load import load_clip, write_clip
@@ -223,3 +224,25 @@ def test_a_folder_of_no_scene_is_named(
         f"--{option} {tmp_path / 'theirs'}: Scene4, scene10 not read, because no scene with truth "
         f"in {tmp_path / 'i3db'} has this name; scenes are Scene04, Scene10"
     )
+
+
+@corpus
+@pytest.mark.corpus
+def test_two_files_of_one_method_are_refused_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (scene, *_) = scenes_with_truth(CORPUS)
+    others = tmp_path / "others" / scene.name
+    others.mkdir(parents=True)
+    theirs = replace(read_authors(scene), name="VNect")
+    for name in ("a.json", "b.json"):
+        write_prediction(others / name, theirs, load_clip(scene))
+
+    def work(*_: object, **__: object) -> None:
+        raise AssertionError("work began")
+
+    monkeypatch.setattr(evaluate_command, "solve_all", work)
+    said = ["evaluate", "--suite", str(CORPUS), "-o", str(tmp_path / "out")]
+    assert main([*said, "--predictions", str(others.parent)]) == 2
+    assert f"VNect: two results for {scene.name} are called so" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

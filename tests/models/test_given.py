@@ -718,6 +718,10 @@ def test_frames_may_be_numbers_of_numpy() -> None:
             lambda: im.Measured("height", True, 0.1),
             "the measured height = True must be a finite number",
         ),
+        (
+            lambda: im.Measured("height", 10**400, 0.1),
+            "the measured height = 1000000000.* must be a finite number",
+        ),
         (lambda: im.Presence("couch", there="no"), "there of couch = 'no' must be True or False"),
         (lambda: im.Contact("couch", 1, 2, "touches"), "= 'touches' must be True or False"),
         (lambda: im.SameObject("couch", [(1, 2), (4, 5)], 1), "= 1 must be True or False"),
