@@ -30,6 +30,7 @@ from imapper_prob.clips.load import load_clip
 from imapper_prob.evaluate.score import scenes_with_truth
 from imapper_prob.evaluate.tables import markdown_table
 from imapper_prob.models.camera import Camera
+from imapper_prob.models.detector import DetectionModel
 from imapper_prob.models.scene import Clip, Track
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.plotting import save_figure
@@ -109,7 +110,7 @@ def with_truth(path: Path) -> Clip:
     return replace(clip, truth=read_i3db_truth(path, clip)) if known else clip
 
 
-def _nowhere(track: Track, *, camera: Camera, fps: float) -> Flags:
+def _nowhere(track: Track, *, camera: Camera, fps: float, detections: DetectionModel) -> Flags:
     return np.zeros(len(track.confidences), bool)
 
 
