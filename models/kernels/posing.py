@@ -316,7 +316,7 @@ def mark_near(cache: Cache, n: int) -> None:
 
 @inner_inlined
 def mark_changed(cache: Cache, n: int, n_old: int) -> None:
-    """Find the frames whose emission may change.
+    """Mark the frames whose emission may change.
 
     These are frames that moved, and frames in which boxes near a line of sight came or went.
 
