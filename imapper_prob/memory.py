@@ -12,7 +12,13 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import SHORTEST_CLIP
 
-__all__ = ["MOST_FRAMES", "memory_needed", "memory_there", "require_feasible"]
+__all__ = [
+    "MOST_FRAMES",
+    "memory_needed",
+    "memory_there",
+    "require_feasible",
+    "require_film",
+]
 
 MOST_FRAMES: Final = 2000
 """Largest number of frames of a run, summed over people; about five times the longest clip of
@@ -130,20 +136,41 @@ def require_feasible(clip: Clip, library: Library, settings: SampleSettings | No
         Says which frame rate the library needs, or how much memory is needed and available and how
         many frames would fit.
     """
-    require_rate(clip, library)
-    _require_short(clip)
+    require_rate(clip.name, clip.fps, library)
+    _require_short(clip.name, clip.n_frames, len(clip.tracks), clip.frame_ids[0])
     _require_memory(clip, library, settings)
 
 
-def _require_short(clip: Clip) -> None:
-    people = len(clip.tracks)
-    if people * clip.n_frames <= MOST_FRAMES:
+def require_film(name: str, fps: float, n_frames: int, library: Library) -> None:
+    """Refuse a video of one person that is too slow for the library, or too long for a run.
+
+    Parameters
+    ----------
+    name : str
+        Of the clip.
+    fps : float
+        Frames a second of the clip.
+    n_frames : int
+        Number of frames of the clip; 0 if it is not known.
+    library : Library
+
+    Raises
+    ------
+    InputError
+        See :func:`require_feasible`.
+    """
+    require_rate(name, fps, library)
+    _require_short(name, n_frames, 1, 0)
+
+
+def _require_short(name: str, n_frames: int, people: int, first: int) -> None:
+    if people * n_frames <= MOST_FRAMES:
         return
     fits = MOST_FRAMES // people
     raise InputError(
-        f"clip {clip.name}: {clip.n_frames} frames of {people} are too many: a run has at most "
+        f"clip {name}: {n_frames} frames of {people} are too many: a run has at most "
         f"{MOST_FRAMES:,}, because its time grows faster than they do; take parts of up to {fits} "
-        f"frames, such as {_first_frames(clip, fits)}"
+        f"frames, such as --frames {first}:{first + fits - 1}"
     )
 
 

@@ -291,14 +291,17 @@ def resample(joints: Array, *, fps: float, to_fps: float) -> Array:
     return result
 
 
-def require_rate(clip: Clip, library: Library) -> None:
+def require_rate(name: str, fps: float, library: Library) -> None:
     """Refuse a clip at whose frame rate a scenelet of the library would have a single frame.
 
     The path of a person continues from the last two frames of a scenelet.
 
     Parameters
     ----------
-    clip : Clip
+    name : str
+        Of the clip.
+    fps : float
+        Frames a second.
     library : Library
 
     Raises
@@ -307,9 +310,9 @@ def require_rate(clip: Clip, library: Library) -> None:
         Says which rate is needed, and by which scenelet.
     """
     shortest = max(library, key=lambda scenelet: scenelet.slowest_film)
-    if clip.fps < shortest.slowest_film:
+    if fps < shortest.slowest_film:
         raise InputError(
-            f"clip {clip.name}: {clip.fps:g} frames a second; library {library.name} needs at "
+            f"clip {name}: {fps:g} frames a second; library {library.name} needs at "
             f"least {math.ceil(100 * shortest.slowest_film) / 100:g}, because scenelet "
             f"{shortest.name} has a single frame below that; use a film of a higher rate, or a "
             "library of longer scenelets"
@@ -512,7 +515,7 @@ def _library_arrays(
     clip: Clip, library: Library, settings: ModelSettings, weights: Array | None
 ) -> dict[str, Any]:
     """Fields of a problem that hold the scenelets, at the clip's frame rate."""
-    require_rate(clip, library)
+    require_rate(clip.name, clip.fps, library)
     motions = [resample(s.joints, fps=s.fps, to_fps=clip.fps) for s in library]
     lengths = np.array([len(m) for m in motions])
     if lengths.min() > clip.n_frames:

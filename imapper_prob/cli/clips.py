@@ -21,6 +21,7 @@ from imapper_prob.models.errors import InputError
 if TYPE_CHECKING:
     from imapper_prob.clips.load import ClipOptions
     from imapper_prob.models.scene import Clip
+    from imapper_prob.models.scenelet import Library
 
 __all__ = [
     "add_detect_command",
@@ -268,7 +269,7 @@ def is_video(path: Path) -> bool:
     return path.suffix.lower() in _VIDEOS
 
 
-def clip_from(path: Path, options: argparse.Namespace) -> Clip:
+def clip_from(path: Path, options: argparse.Namespace, library: Library | None = None) -> Clip:
     """Read the clip at ``path`` with the given options; in a video, detect the joints first.
 
     Parameters
@@ -277,6 +278,9 @@ def clip_from(path: Path, options: argparse.Namespace) -> Clip:
         Clip file, keypoints, i3DB scene or video.
     options : argparse.Namespace
         Options of `clip_parser`.
+    library : Library, optional
+        Library with which the clip is to be solved. A video that does not suit it is refused before
+        its joints are detected.
 
     Returns
     -------
@@ -292,12 +296,30 @@ def clip_from(path: Path, options: argparse.Namespace) -> Clip:
         from imapper_prob.clips.detect import detect
         from imapper_prob.clips.load import window
 
+        if library is not None:
+            _require_film(path, said.fps, options.frames, library)
         with progress_bars() as progress:
             clip = detect(path, options=said, progress=progress)
         return clip if options.frames is None else window(clip, *options.frames)
     from imapper_prob.api import load_clip
 
     return load_clip(path, options=said, frames=options.frames)
+
+
+def _require_film(
+    path: Path, fps: float | None, frames: tuple[int, int] | None, library: Library
+) -> None:
+    from imapper_prob.clips.detect import usual_step
+    from imapper_prob.clips.video import open_video
+    from imapper_prob.memory import require_film
+
+    video = open_video(path)
+    fps = video.fps if fps is None else fps
+    step = usual_step(fps)
+    n_frames = -(-video.n_frames // step)
+    if frames is not None:
+        n_frames = min(n_frames, frames[1] - frames[0] + 1)
+    require_film(path.stem, fps / step, n_frames, library)
 
 
 # ------------------------------------------------------------------------------------------------

@@ -250,7 +250,7 @@ def _config(
 def _demo(options: argparse.Namespace) -> None:
     from imapper_prob.api import demo_clip
 
-    _begun_or_gone_on_with(options, demo_clip, own=DEMO)
+    _begun_or_gone_on_with(options, lambda _: demo_clip(), own=DEMO)
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -267,13 +267,15 @@ def _run(options: argparse.Namespace) -> None:
     # With several takes a recording shows no pictures, because their frames overlap in time.
     video = clips[0] if len(clips) == 1 and is_video(clips[0]) else None
     _begun_or_gone_on_with(
-        options, lambda: same_room([clip_from(path, options) for path in clips]), video=video
+        options,
+        lambda library: same_room([clip_from(path, options, library) for path in clips]),
+        video=video,
     )
 
 
 def _begun_or_gone_on_with(
     options: argparse.Namespace,
-    read_clip: Callable[[], Clip],
+    read_clip: Callable[[Library], Clip],
     *,
     own: SampleSettings | None = None,
     video: Path | None = None,
@@ -304,7 +306,8 @@ def _begun_or_gone_on_with(
                 else:
                     print_lines(f"{folder}: {earlier.verdict} Nothing is left to do.")
                 return
-        clip, library = read_clip(), load_library(config.library)
+        library = load_library(config.library)
+        clip = read_clip(library)
         if earlier is not None:
             said = to_json(given) if given else ""
             require_same_input(earlier, clip_digest(clip), library.digest, said)

@@ -118,11 +118,10 @@ def _solve(options: argparse.Namespace) -> None:
     if options.preset is not None:
         config = replace(config, model=replace(config.model, energy=options.preset))
     with solution_folder(options.output, overwrite=options.overwrite):
-        clip = clip_from(options.clip, options)
+        library = load_library(config.library)
+        clip = clip_from(options.clip, options, library)
         with progress_bars() as progress:
             clock = StageClock(progress)
-            library = load_library(config.library)
-            clock("library", 1.0)
             require_feasible(clip, library)
             actors = solve_actors(clip, library, settings=config.settings, progress=clock)
             solution = solved(clip, actors)

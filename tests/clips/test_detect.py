@@ -10,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
+from imapper_prob import memory
 from imapper_prob.cli import main
 from imapper_prob.clips.detect import contact_sheet, detect, usual_step
 from imapper_prob.clips.load import ClipOptions
@@ -179,3 +180,28 @@ def test_mediapipe_on_a_real_video(tmp_path: Path) -> None:
         assert image.size == (1920, 720)
     assert main(["info", str(output)]) == 0
     assert main(command) == 2  # never over an earlier clip
+
+
+@pytest.mark.parametrize("command", ["run", "solve"])
+def test_a_film_that_does_not_suit_is_refused_before_its_joints_are_detected(
+    command: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def work(*_: object, **__: object) -> None:
+        raise AssertionError("joints were detected")
+
+    monkeypatch.setattr("imapper_prob.clips.detect._pose_landmarker", work)
+    arguments = [command, str(write_film(tmp_path / "room.mp4", film())), "-o"]
+    assert main([*arguments, str(tmp_path / "out"), "--fps", "1.4"]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "clip room: 1.4 frames a second; library built-in 3 needs at least 1.43" in said
+    monkeypatch.setattr(memory, "MOST_FRAMES", 15)
+    assert main([*arguments, str(tmp_path / "out")]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "clip room: 20 frames of 1 are too many: a run has at most 15" in said
+    assert "--frames 0:14" in said
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(AssertionError, match="joints were detected"):
+        main([*arguments, str(tmp_path / "out"), "--frames", "0:14", "--debug"])
