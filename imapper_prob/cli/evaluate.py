@@ -43,6 +43,7 @@ from imapper_prob.evaluate.report import (
 )
 from imapper_prob.evaluate.score import KnownScene, known_clip, known_scene, scenes_with_truth
 from imapper_prob.evaluate.suite import (
+    OUR_METHODS,
     PARTS,
     Evaluation,
     Task,
@@ -404,7 +405,7 @@ def _of_methods(known: KnownScene, options: argparse.Namespace) -> _OfMethods:
     if options.predictions is not None:
         files = sorted((options.predictions / name).glob("*.json"))
         predictions = (*predictions, *(read_prediction(file, known.clip) for file in files))
-        require_different_names(name, predictions)
+        require_different_names(name, [*OUR_METHODS, *(p.name for p in predictions)])
     if options.detections is not None:
         for path in sorted((options.detections / name).glob("*.json")):
             found = read_regions(path, known.clip)

@@ -26,7 +26,7 @@ from imapper_prob.evaluate.prediction import (
     read_prediction,
     write_prediction,
 )
-from imapper_prob.evaluate.probability import PosteriorScore
+from imapper_prob.evaluate.probability import LIKELY, MOST_PROBABLE, PosteriorScore
 from imapper_prob.evaluate.regions import Coverage, coverage
 from imapper_prob.evaluate.score import (
     Difference,
@@ -54,6 +54,7 @@ from imapper_prob.solver.actors import solve_actors
 from imapper_prob.solver.actors import solved as put_together
 
 __all__ = [
+    "OUR_METHODS",
     "PARTS",
     "Evaluation",
     "Task",
@@ -188,20 +189,23 @@ class Evaluation:
         ]
 
 
-def require_different_names(clip: str, predictions: Sequence[Prediction]) -> None:
+OUR_METHODS: Final = (SOLVER, MOST_PROBABLE, LIKELY)
+"""Names of the methods that a suite computes."""
+
+
+def require_different_names(clip: str, names: Sequence[str]) -> None:
     """Refuse two predictions of one name.
 
     Parameters
     ----------
     clip : str
         Name of the clip that they are of.
-    predictions : sequence of Prediction
+    names : sequence of str
 
     Raises
     ------
     InputError
     """
-    names = [prediction.name for prediction in predictions]
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{name}: two results for {clip} are called so")
@@ -231,7 +235,7 @@ def evaluate(
     """
     scores: dict[str, list[Score]] = {}
     for truth, predictions in answers:
-        require_different_names(truth.name, predictions)
+        require_different_names(truth.name, [p.name for p in predictions])
         for prediction in predictions:
             scores.setdefault(prediction.name, []).append(score(prediction, truth))
     return Evaluation(scores, list(posteriors))

@@ -19,6 +19,7 @@ from imapper_prob.clips.load import load_clip, write_clip
 from imapper_prob.config import Config, SampleSettings
 from imapper_prob.evaluate.i3db import read_authors
 from imapper_prob.evaluate.prediction import SOLVER, write_prediction
+from imapper_prob.evaluate.probability import LIKELY
 from imapper_prob.evaluate.report import Exploration, exploration_figure
 from imapper_prob.evaluate.score import scenes_with_truth
 from imapper_prob.evaluate.suite import (
@@ -228,15 +229,19 @@ def test_a_folder_of_no_scene_is_named(
 
 @corpus
 @pytest.mark.corpus
-def test_two_files_of_one_method_are_refused_before_the_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("files", [{"a.json": "VNect", "b.json": "VNect"}, {"a.json": LIKELY}])
+def test_two_methods_of_one_name_are_refused_before_the_work(
+    files: dict[str, str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     (scene, *_) = scenes_with_truth(CORPUS)
     others = tmp_path / "others" / scene.name
     others.mkdir(parents=True)
-    theirs = replace(read_authors(scene), name="VNect")
-    for name in ("a.json", "b.json"):
-        write_prediction(others / name, theirs, load_clip(scene))
+    for file, method in files.items():
+        theirs = replace(read_authors(scene), name=method)
+        write_prediction(others / file, theirs, load_clip(scene))
 
     def work(*_: object, **__: object) -> None:
         raise AssertionError("work began")
@@ -244,5 +249,5 @@ def test_two_files_of_one_method_are_refused_before_the_work(
     monkeypatch.setattr(evaluate_command, "solve_all", work)
     said = ["evaluate", "--suite", str(CORPUS), "-o", str(tmp_path / "out")]
     assert main([*said, "--predictions", str(others.parent)]) == 2
-    assert f"VNect: two results for {scene.name} are called so" in capsys.readouterr().err
+    assert f"{method}: two results for {scene.name} are called so" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
