@@ -53,10 +53,10 @@ from imapper_prob.scenelets.library import built_in_library
 from imapper_prob.simulate.clips import NOMINAL_CAMERA, draw_camera, simulate_clip
 from imapper_prob.simulate.scene import hidden_joints
 from imapper_prob.uncertainty.estimate import drawn_objects
-from lab.kept import digest
 from lab.prior import Experiment
 from lab.sbc import SETTINGS as RANK_SETTINGS
 from lab.sbc import Drawn, draw_and_sample, short_clip
+from lab.stored import digest
 
 __all__ = ["FRAMES", "MODELS", "region_ranks", "simulated"]
 

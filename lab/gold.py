@@ -33,7 +33,7 @@ from imapper_prob.sampling.actors import join_actors
 from imapper_prob.sampling.chain import Setup, tempered
 from imapper_prob.sampling.sample import sample_scenes, setup_of
 from imapper_prob.sampling.visits import Visits
-from lab.kept import named_clip
+from lab.stored import named_clip
 
 __all__ = ["GOLD", "distance", "known", "shares", "tabled"]
 

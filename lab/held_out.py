@@ -42,7 +42,7 @@ from imapper_prob.scenelets.captures import Capture
 from imapper_prob.scenelets.library import joined, load_library
 from imapper_prob.simulate.clips import ACTION_WORDS, FEWEST_IN_IMAGE, draw_camera, simulate_track
 from imapper_prob.simulate.scene import FEWEST_SEEN, hidden_joints, in_image
-from lab.kept import sampled
+from lab.stored import sampled
 from lab.unseen.clips import CAMERA, DISTANCES, FPS
 
 __all__ = ["filmed"]

@@ -35,7 +35,7 @@ from imapper_prob.samplers.chains import run_chains
 from imapper_prob.samplers.diagnostics import ShortChainWarning, ess, rhat
 from imapper_prob.sampling.chain import run_chain
 from imapper_prob.scenelets.library import load_library
-from lab.kept import with_steps
+from lab.stored import with_steps
 
 if TYPE_CHECKING:
     # Processes of chains load this script again, and do not need torch.

@@ -30,7 +30,7 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.simulate.clips import simulate_clip, simulate_track
 from imapper_prob.simulate.scene import hidden_joints
-from lab.kept import SHORT_STEPS, sampled
+from lab.stored import SHORT_STEPS, sampled
 
 __all__ = ["passed", "passing"]
 

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 
 from imapper_prob.models.scene import Truth
 from imapper_prob.models.skeleton import PELV
-from lab.kept import SHORT_STEPS
+from lab.stored import SHORT_STEPS
 from lab.told import row, sampled
 
 

@@ -45,7 +45,7 @@ from imapper_prob.sampling.conditioning import statement_values
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.uncertainty.questions import Question, shifted
 from lab.alarms import shortened, simulated
-from lab.kept import digest
+from lab.stored import digest
 
 __all__ = ["Settled", "answer_of", "fall", "page"]
 

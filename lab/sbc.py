@@ -57,8 +57,8 @@ from imapper_prob.simulate.clips import NOMINAL_CAMERA
 from imapper_prob.solver.fits import fit_windows
 from imapper_prob.solver.poses import FrameTable, PoseSource
 from imapper_prob.solver.solver import Fitted, Solution, solve_fitted
-from lab.kept import digest
 from lab.prior import Experiment, draw_state
+from lab.stored import digest
 
 __all__ = [
     "SETTINGS",

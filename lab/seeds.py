@@ -37,8 +37,8 @@ from imapper_prob.results.load import load_posterior
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.samplers.diagnostics import ShortChainWarning, layout_probabilities, rhat
 from lab.gold import GOLD, distance, known, shares
-from lab.kept import is_whole, named_clip, with_steps
 from lab.mixing import OPEN
+from lab.stored import is_whole, named_clip, with_steps
 
 Array = NDArray[np.float64]
 LARGEST = 5

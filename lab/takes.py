@@ -28,7 +28,7 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.models.scene import SEATS, Clip, SceneObject
 from imapper_prob.results.posterior import Posterior
 from imapper_prob.simulate.clips import simulate_clip
-from lab.kept import sampled
+from lab.stored import sampled
 
 _SCRIPT = ("sit-couch-001", "reach-shelf-001", "sit-bed-001")
 _FRAMES = 240

@@ -40,8 +40,8 @@ from imapper_prob.models.scene import SEATS, Clip, SceneObject, Truth
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.skeleton import PELV, SCORED
 from imapper_prob.models.statements import Statement
-from lab.kept import SHORT_STEPS, digest, with_steps
 from lab.mixing import note
+from lab.stored import SHORT_STEPS, digest, with_steps
 
 Array = NDArray[np.float64]
 _NAMES: Final = (

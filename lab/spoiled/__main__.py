@@ -27,9 +27,9 @@ import torch
 
 from imapper_prob.evaluate.score import SUBSETS, scenes_with_truth
 from imapper_prob.evaluate.tables import markdown_table, number
-from lab.kept import SHORT_STEPS, digest
 from lab.spoiled.scores import UNSPOILED, Task, score_task
 from lab.spoiled.spoilings import SPOILINGS
+from lab.stored import SHORT_STEPS, digest
 
 Record = dict[str, Any]
 Records = dict[str, dict[str, Record]]

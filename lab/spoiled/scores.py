@@ -32,8 +32,8 @@ from imapper_prob.models.scene import Clip
 from imapper_prob.models.skeleton import SCORED
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.solver.actors import solve_actors
-from lab.kept import with_steps
 from lab.spoiled.spoilings import SPOILINGS, Spoiled
+from lab.stored import with_steps
 
 __all__ = ["UNSPOILED", "Task", "at_times", "score_task", "spoil"]
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Final
 
 from imapper_prob.files import written_whole
-from lab.kept import digest
+from lab.stored import digest
 from lab.unseen import clips, families, scores
 from lab.unseen.clips import CARRIED, UNCARRIED
 from lab.unseen.scores import Answer, Outcome, outcome_of

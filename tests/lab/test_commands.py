@@ -150,27 +150,27 @@ def test_stages_of_the_solver(
 
 
 @pytest.mark.slow
-def test_golden(
+def test_digests(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from lab import golden
+    from lab import digests
 
-    made, runs = golden.made, dict[str, dict[str, str]]()
+    made, runs = digests.made, dict[str, dict[str, str]]()
 
     def made_once(folder: Path, run: str) -> dict[str, str]:
         if run not in runs:
             runs[run] = made(folder, run)
         return runs[run]
 
-    monkeypatch.setattr(golden, "made", made_once)
-    assert run("lab.golden", tmp_path / "golden.json", "--only", "one-worker") == 0
+    monkeypatch.setattr(digests, "made", made_once)
+    assert run("lab.digests", tmp_path / "digests.json", "--only", "one-worker") == 0
     assert "all arrays are the same" in capsys.readouterr().out
-    found = json.loads((tmp_path / "golden.json").read_text())
+    found = json.loads((tmp_path / "digests.json").read_text())
     changed = next(iter(found["one-worker"]))
     found["one-worker"][changed] = "0"
-    with written_whole(tmp_path / "golden.json") as beside:
+    with written_whole(tmp_path / "digests.json") as beside:
         beside.write_text(json.dumps(found))
-    assert run("lab.golden", tmp_path / "golden.json", "--only", "one-worker") == 1
+    assert run("lab.digests", tmp_path / "digests.json", "--only", "one-worker") == 1
     told = capsys.readouterr().out
     assert changed in told
     assert all(name not in told for name in found["one-worker"] if name != changed)

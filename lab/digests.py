@@ -1,6 +1,6 @@
 """Do programs of two versions say the same to the last bit? Digests of what short runs leave.
 
-    python -m lab.golden FILE [--only NAME ...]
+    python -m lab.digests FILE [--only NAME ...]
 
 makes the runs below and writes the SHA-256 of every array of their posteriors to ``FILE``, JSON. If
 ``FILE`` is there, nothing is written: what differs is listed, and the exit code is 1. Digests hold
