@@ -37,7 +37,7 @@ _EACH_POSE: Final = 200
 output file."""
 _WALKER_COPIES: Final = 4
 """Number of copies of the walkers' latent variables that ensembles hold in memory."""
-_VISITED: Final = 8000
+_VISITED: Final = 15_000
 """Largest number of rounds whose visits a reference is learnt from, in runs of default length."""
 _COLD: Final = 0.4
 """Share of the temperatures whose states are recorded; of the public scenes, rounded up."""

@@ -37,12 +37,13 @@ def _prepared_once() -> Iterator[None]:
     """Gains of the demo's scenelets take a second or two: a process of tests finds them once."""
     from imapper_prob.models.problem import Problem
     from imapper_prob.sampling import sample
+    from imapper_prob.sampling.gains import Gains
 
     # With the problem itself, so that no other has its number.
-    made: dict[int, tuple[Problem, np.ndarray]] = {}
+    made: dict[int, tuple[Problem, Gains]] = {}
     find = sample.gains_of
 
-    def gains_of(problem: Problem) -> np.ndarray:
+    def gains_of(problem: Problem) -> Gains:
         if id(problem) not in made:
             made[id(problem)] = problem, find(problem)
         return made[id(problem)][1]

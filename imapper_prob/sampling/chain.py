@@ -22,6 +22,7 @@ from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.ascent import climb
 from imapper_prob.sampling.checkpoints import ChainProgress
 from imapper_prob.sampling.crossover import TimeCrossover
+from imapper_prob.sampling.gains import Gains
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.redraws import draw_scene
 from imapper_prob.sampling.scene import state_of
@@ -74,13 +75,13 @@ def starts_of(source: JointProblem, count: int) -> list[tuple[State, ...]]:
 
 Array = NDArray[np.float64]
 _WALK: Final = 0.04
-"""Steps of the walk about the result of the ascent, as a share of the chain's steps; chosen:
-scenelets are exchanged about a hundred times."""
+"""Steps of the walk about the result of the ascent, or about the best scene so far, as a share of
+the chain's steps; chosen: scenelets are exchanged about a hundred times."""
 _WALKED: Final = 200
 """Largest number of states of that walk that are recorded; chosen: consecutive ones resemble each
 other."""
-_STARTS: Final = 0.25
-"""Weight of the walks' visits relative to all later ones; chosen, see :func:`learnt_from`."""
+_WALKS: Final = 0.25
+"""Weight of the walks' visits relative to the other ones; chosen, see :func:`learnt_from`."""
 _CLIMBING: Final = 0.5
 """Largest number of evaluations of the ascent as a share of the chain's steps; chosen: short chains
 should remain short."""
@@ -93,8 +94,8 @@ class Setup:
     Parameters
     ----------
     problem : Problem
-    gains : (T, L) float
-        See :func:`imapper_prob.sampling.gains.gains_of`, nats.
+    gains : Gains
+        See :func:`imapper_prob.sampling.gains.gains_of`.
     similarity : (L, L) float
         Probabilities of exchanging one scenelet for another.
     settings : SampleSettings
@@ -111,7 +112,7 @@ class Setup:
     """
 
     problem: Problem
-    gains: Array
+    gains: Gains
     similarity: Array
     settings: SampleSettings
     staged: tuple[State, ...]
@@ -219,7 +220,7 @@ def run_chain(
         last = min(stop for stop in stops if now < stop)
         _advance(done, learnt, settings, crossover, rounds=min(piece_of(settings), last - now))
         if done.position.rounds in learning.ends:
-            done.visits[-1:] = [Visits.of(done.visits[-1].arrays()), Visits()]
+            done.visits[-1:] = [_with_best(done, learnt, settings), Visits()]
             if done.position.rounds <= learning.last_of_burn_in:
                 done.barrier = done.table.summary().barrier
         finished = report(done.position.rounds / end)
@@ -265,6 +266,15 @@ def _walk(learnt: TemperedProblem, first: State, rng: np.random.Generator, steps
     return visits
 
 
+def _with_best(done: ChainProgress, learnt: TemperedProblem, settings: SampleSettings) -> Visits:
+    """Visits since the last reference, with those of a walk about the best scene so far."""
+    assert done.best is not None
+    visits = done.visits[-1]
+    walk = _walk(learnt, done.best.state, done.rngs[-1], int(_WALK * settings.steps))
+    again = max(1, round(_WALKS * visits.n_states / walk.n_states))
+    return Visits.of(Visits.together([visits, *repeat(walk, again)]).arrays())
+
+
 def _advance(
     done: ChainProgress,
     learnt: TemperedProblem,
@@ -290,6 +300,8 @@ def _advance(
     )
     for at in islice(swaps, rounds):
         coldest = at.state.chains[-1]
+        if done.best is None or coldest.log_density > done.best.log_density:
+            done.best = coldest
         done.record(at, fixed=not adapt)
         if kept.has(done.position.rounds):
             done.states.append(coldest.state)
@@ -397,9 +409,10 @@ def learnt_from(setup: Setup) -> TemperedProblem:
     """Learn reference and moves from the visits of all chains that are known.
 
     At first they are learnt from the solver's scenes, then from these and the walks about the
-    results of the ascents. The walks' visits keep a share among later ones. Otherwise the reference
-    forgets scenes that are far better than most, but have few alternatives that it knows: a chain
-    that leaves them does not return.
+    results of the ascents. The walks' visits keep a share among later ones, and so do those of
+    walks about the best scene that each chain has found. Otherwise the reference forgets scenes
+    that are far better than most, but have few alternatives that it knows: a chain that leaves them
+    does not return, and the others do not find them.
 
     Parameters
     ----------
@@ -413,7 +426,7 @@ def learnt_from(setup: Setup) -> TemperedProblem:
     if len(known) > 1:
         walks, later = known[0], known[first_used(len(known)) :]
         count = sum(visits.n_states for of in later for visits in of)
-        again = max(1, round(_STARTS * count / max(1, sum(walk.n_states for walk in walks))))
+        again = max(1, round(_WALKS * count / max(1, sum(walk.n_states for walk in walks))))
         by_chain = zip_longest(*repeat(walks, again), *later, fillvalue=Visits())
         return tempered(setup, Visits.together(v for own in by_chain for v in own))
     staged = Visits()

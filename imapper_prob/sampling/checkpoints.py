@@ -66,6 +66,8 @@ class ChainProgress:
     barrier : float
         Communication barrier (Syed et al. 2022) before the last reference of the burn-in; 0 if
         unknown.
+    best : ChainState, optional
+        The most probable state at the posterior after any round; None before the first.
     """
 
     rngs: list[np.random.Generator]
@@ -77,6 +79,7 @@ class ChainProgress:
     acceptance: AcceptanceTable = field(default_factory=AcceptanceTable)
     visits: list[Visits] = field(default_factory=lambda: [Visits()])
     barrier: float = 0.0
+    best: ChainState[State] | None = None
 
     @classmethod
     def begin(
@@ -140,6 +143,7 @@ class ChainProgress:
                 "values": np.array(self.values, dtype=np.float64),
                 "trace": np.array(self.trace, dtype=np.float64),
                 **pack("visits", [visits.arrays() for visits in self.visits]),
+                **pack("best", [] if self.best is None else [_arrays(self.best.state)]),
             },
             {
                 "rngs": [pack_rng(rng) for rng in self.rngs],
@@ -152,6 +156,7 @@ class ChainProgress:
                 "proposed": dict(self.acceptance.proposed),
                 "accepted": dict(self.acceptance.accepted),
                 "barrier": self.barrier,
+                "best": None if self.best is None else self.best.log_density,
             },
         )
 
@@ -168,6 +173,7 @@ class ChainProgress:
         ChainProgress
         """
         arrays, values = snapshot
+        best = _states("best", snapshot)
         return cls(
             rngs=[unpack_rng(kept) for kept in values["rngs"]],
             position=TemperingState(
@@ -189,6 +195,7 @@ class ChainProgress:
             acceptance=AcceptanceTable(Counter(values["proposed"]), Counter(values["accepted"])),
             visits=[Visits.of(item) for item in unpack("visits", arrays)],
             barrier=values["barrier"],
+            best=ChainState(best[0], values["best"]) if best else None,
         )
 
     def check(self, problem: Problem, settings: SampleSettings) -> None:
@@ -210,7 +217,7 @@ class ChainProgress:
             raise InputError("rounds are of no chain of this run")
         numbers = [chain.log_density for chain in position.chains]
         numbers += [*position.log_likelihoods, *self.values, *self.trace, *table.swaps]
-        numbers.append(self.barrier)
+        numbers += [self.barrier, *([] if self.best is None else [self.best.log_density])]
         for what, holds in {
             "generators": len(self.rngs) == rungs + 1,
             "rungs": len(position.chains) == len(position.log_likelihoods) == rungs
@@ -222,6 +229,7 @@ class ChainProgress:
             "trace": len(self.trace) == trace_of(settings).kept(now),
             "swaps": len(table.swaps) == rungs - 1 and isinstance(table.rounds, int)
             and 0 <= table.rounds <= now,
+            "best scene": (self.best is None) == (now == 0),
             "ends": len(table.last_end) == rungs and {*table.last_end} <= {-1, 0, 1},
             "crossings": len(table.crossings) == rungs
             and all(isinstance(n, int) and 0 <= n <= now for n in table.crossings),
@@ -237,7 +245,8 @@ class ChainProgress:
             raise InputError("visits are of no chain of this run")
         for visits in self.visits:
             visits.check(problem)
-        for state in [*(chain.state for chain in position.chains), *self.states]:
+        best = [] if self.best is None else [self.best]
+        for state in [*(chain.state for chain in (*position.chains, *best)), *self.states]:
             check_state(problem, state)
 
 

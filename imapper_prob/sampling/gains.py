@@ -2,8 +2,10 @@
 
 The solver compares whole scenes, and few of them. Here every scenelet is tried at every start
 frame, at the static path or, once chains have visited scenes, where these have the person, and
-judged by the detections alone, as if no furniture hid anybody. Jumps of the pose at its ends do not
-count, so a scenelet has the same gain alone and between two others.
+judged by the detections alone, as if no furniture hid anybody. At the static path its size is the
+most probable one: somebody who stands in a scenelet but sits in the video fits only if they are
+small. Jumps of the pose at its ends do not count, so a scenelet has the same gain alone and between
+two others.
 
 If scenes were sequences of scenelets and free frames whose gains add up, the sums over all
 sequences from a frame to the end of the clip would follow from those of later frames (the backward
@@ -47,6 +49,7 @@ from imapper_prob.sampling.reference import NONE_BEFORE, Reference
 from imapper_prob.sampling.reference_placement import placement_centre
 
 __all__ = [
+    "Gains",
     "Sequences",
     "expected_placement",
     "frames_left_of",
@@ -62,6 +65,8 @@ Ints = NDArray[np.int64]
 _TRUST: Final = 0.7
 """Factor of gains in sums over sequences; chosen: gains are known to some nats, because placements
 are guesses and furniture is left out."""
+_LARGEST: Final = 3.0
+"""Largest deviation of a fitted size, in standard deviations of the prior; chosen."""
 _HOPELESS: Final = 15.0
 """Nats below the best of its start at which a scenelet is not judged again; chosen: about a
 tenth of all remain."""
@@ -233,7 +238,23 @@ def _gain(
     return gain
 
 
-def gains_of(problem: Problem) -> Array:
+class Gains(NamedTuple):
+    """Gain of every scenelet at every start, at its most probable size on the static path.
+
+    Parameters
+    ----------
+    values : (T, L) float
+        Log likelihood ratio of the detections to free poses, less the cost of the size under its
+        prior, nats; -inf where a scenelet would extend beyond its person's frames.
+    sizes : (T, L) float
+        Log sizes.
+    """
+
+    values: Array
+    sizes: Array
+
+
+def gains_of(problem: Problem) -> Gains:
     """Gain of every scenelet at every start over free poses in its frames, at the static path.
 
     Parameters
@@ -242,16 +263,16 @@ def gains_of(problem: Problem) -> Array:
 
     Returns
     -------
-    (T, L) float
-        Nats; -inf where a scenelet would extend beyond its person's frames.
+    Gains
     """
-    return _gains(problem, static_pelvis_on_floor(problem), frames_left_of(problem))
+    return Gains(*_gains(problem, static_pelvis_on_floor(problem), frames_left_of(problem)))
 
 
 @compiled
-def _gains(problem: Problem, path: Array, frames_left: Ints) -> Array:
+def _gains(problem: Problem, path: Array, frames_left: Ints) -> tuple[Array, Array]:
     workspace, placement = _gain_workspace(problem), np.empty(3)
     gains = np.full((len(path), len(problem.joint_first) - 1), -math.inf)
+    sizes = np.zeros(gains.shape)
     for scenelet in range(gains.shape[1]):
         length = problem.joint_first[scenelet + 1] - problem.joint_first[scenelet]
         for start in range(len(gains)):
@@ -259,8 +280,34 @@ def _gains(problem: Problem, path: Array, frames_left: Ints) -> Array:
                 placement[0], placement[1], placement[2] = expected_placement(
                     problem, path, scenelet, start
                 )
-                gains[start, scenelet] = _gain(problem, workspace, scenelet, start, placement, 0.0)
-    return gains
+                gains[start, scenelet], sizes[start, scenelet] = _fitted_size(
+                    problem, workspace, scenelet, start, placement
+                )
+    return gains, sizes
+
+
+@inner
+def _fitted_size(
+    problem: Problem, workspace: _GainWorkspace, scenelet: int, start: int, placement: Array
+) -> tuple[float, float]:
+    """The largest gain less the cost of the size, and that size, by a parabola through three."""
+    spread = problem.size_spread
+    small = _gain(problem, workspace, scenelet, start, placement, -spread) - 0.5
+    mean = _gain(problem, workspace, scenelet, start, placement, 0.0)
+    large = _gain(problem, workspace, scenelet, start, placement, spread) - 0.5
+    best, size = mean, 0.0
+    if small > best:
+        best, size = small, -spread
+    if large > best:
+        best, size = large, spread
+    curvature = 2.0 * mean - small - large
+    if curvature > 0.0:
+        vertex = min(max(0.5 * (large - small) / curvature, -_LARGEST), _LARGEST)
+        value = _gain(problem, workspace, scenelet, start, placement, vertex * spread)
+        value -= 0.5 * vertex * vertex
+        if value > best:
+            best, size = value, vertex * spread
+    return best, size
 
 
 @compiled
@@ -271,14 +318,14 @@ def gains_about(problem: Problem, gains: Array, reference: Reference) -> Array:
     ----------
     problem : Problem
     gains : (T, L) float
-        See :func:`gains_of`; those of hopeless scenelets are kept.
+        See :class:`Gains`; those of hopeless scenelets are kept.
     reference : Reference
         Its mean path, yaws, size and deviations of scenelets are used.
 
     Returns
     -------
     (T, L) float
-        Nats.
+        Nats, less the cost of the expected size under its prior.
     """
     workspace, placement = _gain_workspace(problem), np.empty(3)
     before, where = np.empty((2, 4)), np.empty((2, 4))
@@ -289,9 +336,9 @@ def gains_about(problem: Problem, gains: Array, reference: Reference) -> Array:
             if gains[start, scenelet] > least:
                 placement_centre(reference, camera, scenelet, start, NONE_BEFORE, before, where)
                 set_placement(reference, camera, scenelet, where[0], placement)
-                anew[start, scenelet] = _gain(
-                    problem, workspace, scenelet, start, placement, where[0, 3]
-                )  # fmt: skip
+                size = where[0, 3]
+                gain = _gain(problem, workspace, scenelet, start, placement, size)
+                anew[start, scenelet] = gain - 0.5 * (size / problem.size_spread) ** 2
     return anew
 
 
@@ -322,7 +369,7 @@ def sequences_of(problem: Problem, gains: Array) -> Sequences:
     ----------
     problem : Problem
     gains : (T, L) float
-        See :func:`gains_of`.
+        See :class:`Gains`.
 
     Returns
     -------

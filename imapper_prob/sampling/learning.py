@@ -9,6 +9,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.linalg import block_diag
 from scipy.signal import fftconvolve
 
 from imapper_prob.layouts import furniture_kinds
@@ -17,6 +18,7 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.view import to_floor
 from imapper_prob.sampling.gains import (
+    Gains,
     frames_left_of,
     gains_about,
     sequences_of,
@@ -54,8 +56,8 @@ _NEAR: Final = 2.0
 position in other frames; chosen."""
 _PSEUDO_VISITS: Final = np.array([0.02, 5.0])
 """Numbers of pseudo-visits: in each frame, of a person on the static path; and of each scenelet,
-with the mean deviation of similar ones. A scenelet with fewer visits than the latter counts as
-rarely visited. Chosen."""
+with the mean deviation of similar ones, or by start with its own. A scenelet with fewer visits
+than the latter counts as rarely visited. Chosen."""
 _PRIOR_COVARIANCE: Final = np.diag([0.006, 0.04, 0.12, 0.03]) ** 2
 """Prior covariance of bearing (tangent), log depth, yaw (radians) and log size of a scenelet:
 standard deviations of long chains on the demo, rounded."""
@@ -69,14 +71,14 @@ _COVARIANCE_SCENELETS: Final = 5.0
 between scenelets is learnt; chosen."""
 
 
-def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> Reference:
+def learn(problem: Problem, gains: Gains, similarity: Array, visits: Visits) -> Reference:
     """Learn the reference distribution from visits.
 
     Parameters
     ----------
     problem : Problem
-    gains : (T, L) float
-        See :func:`imapper_prob.sampling.gains.gains_of`, nats.
+    gains : Gains
+        See :func:`imapper_prob.sampling.gains.gains_of`.
     similarity : (L, L) float
         Probabilities of exchanging one scenelet for another.
     visits : Visits
@@ -121,6 +123,7 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
         yaw=yaw,
         size=float(sizes.mean()) if len(sizes) else 0.0,
         scenelet_deviations=np.zeros((len(lengths), 2, 4)),
+        start_deviations=np.zeros((problem.n_frames, len(lengths), 4), np.float32),
         rarely_visited=np.zeros(len(lengths), np.int64),
         weights=_INITIAL_WEIGHTS,
         **_fields(followed, later, fitting, sums),
@@ -137,6 +140,7 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
         anywhere_deviation=np.sqrt(problem.start_variance),
         size_spread=float(problem.size_spread),
         displacement_regression=np.zeros((2, 4, 4)),
+        camera_regression=np.zeros((3, 4, 5)),
         factors=np.tile(np.eye(4), (3, 2, 1, 1)),
         constants=np.zeros((3, 2)),
     )
@@ -145,7 +149,10 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
         scenelet_deviations=deviations.mean,
         rarely_visited=deviations.rarely_visited,
     )
-    sequences = sequences_of(problem, gains_about(problem, gains, reference))
+    reference = reference._replace(
+        start_deviations=_start_deviations(reference, visits, gains.sizes)
+    )
+    sequences = sequences_of(problem, gains_about(problem, gains.values, reference))
     of_kind = np.eye(len(numbers) + 1)[own]
     of_kind[:, 0] = 1.0
     reference = reference._replace(
@@ -156,10 +163,13 @@ def learn(problem: Problem, gains: Array, similarity: Array, visits: Visits) -> 
         fitting_kinds=sequences.scenelets @ of_kind,
     )
     reference = reference._replace(weights=_component_weights(reference, visits))
-    displacement_regression, factors = _scatter(reference, visits, deviations.spread)
+    of_before, of_camera, factors = _scatter(reference, visits, deviations.spread, covariance)
     peaks = np.array([[_log_peak(factor, yaw=True) for factor in row] for row in factors])
     return reference._replace(
-        displacement_regression=displacement_regression, factors=factors, constants=peaks
+        displacement_regression=of_before,
+        camera_regression=of_camera,
+        factors=factors,
+        constants=peaks,
     )
 
 
@@ -479,28 +489,66 @@ def _scenelet_deviations(reference: Reference, visits: Visits, alike: Array) -> 
     return _SceneletDeviations(mean.reshape(-1, 2, 4), (~known).astype(np.int64), spread)
 
 
-def _scatter(reference: Reference, visits: Visits, spread: Array) -> tuple[Array, Array]:
-    """Regression of displacements on earlier ones (2, 4, 4), and Cholesky factors (3, 2, 4, 4)."""
+def _start_deviations(
+    reference: Reference, visits: Visits, fitted_sizes: Array
+) -> NDArray[np.float32]:
+    """(T, L, 4) mean deviations of visits of each scenelet with nearly each start.
+
+    They are shrunk to 0, sizes to a multiple of those that fit the detections at the static path.
+    """
+    visited = visits.arrays()
+    places, sizes = to_floor(visited["where"])
+    offsets = mean_offsets(
+        reference, visited["cameras"], visited["counts"], visited["items"], places, sizes
+    )[:, 0]
+    sound = np.isfinite(offsets).all(1)
+    offsets = offsets[sound]
+    scenelet, start = visited["items"][sound].T
+    fitted = fitted_sizes[start, scenelet]
+    pseudo = _COVARIANCE_VISITS * _PRIOR_COVARIANCE[3, 3]
+    slope = (fitted @ offsets[:, 3] + pseudo) / (fitted @ fitted + pseudo)
+    offsets[:, 3] -= slope * fitted
+    last = len(reference.path) - 1
+    total = np.zeros((last + 1, len(reference.lengths), 4), np.float32)
+    number = np.zeros(total.shape[:2], np.float32)
+    for by, share in _SHIFTS.items():
+        at = ((start + by).clip(0, last), scenelet)
+        np.add.at(total, at, share * offsets)
+        np.add.at(number, at, share)
+    total /= number[:, :, None] + np.float32(_PSEUDO_VISITS[1])
+    total[:, :, 3] += slope * fitted_sizes
+    return total
+
+
+def _scatter(
+    reference: Reference, visits: Visits, spread: Array, of_cameras: Array
+) -> tuple[Array, Array, Array]:
+    """Regressions of displacements on earlier ones (2, 4, 4) and on cameras (3, 4, 5) of given
+    covariance, and Cholesky factors (3, 2, 4, 4) of what remains."""
     visited = visits.arrays()
     places, sizes = to_floor(visited["where"])
     rows, before, offsets = displacements(
         reference, visited["cameras"], visited["counts"], visited["items"], places, sizes
     )
+    cameras = np.repeat(visited["cameras"] - reference.camera_mean, visited["counts"], axis=0)
     known = reference.rarely_visited[visited["items"][:, 0]] == 0
-    displacement_regression, factors = np.zeros((2, 4, 4)), np.empty((3, 2, 4, 4))
+    of_before, of_camera, factors = np.zeros((2, 4, 4)), np.zeros((3, 4, 5)), np.empty((3, 2, 4, 4))
+    ridge = _COVARIANCE_VISITS * block_diag(_PRIOR_COVARIANCE, of_cameras)
     for row, prior in (
         (FIRST, _PRIOR_COVARIANCE),
         (FLUSH, _PRIOR_FLUSH_COVARIANCE),
         (GAP, _PRIOR_COVARIANCE),
     ):
-        x, y = before[known & (rows == row)], offsets[known & (rows == row)]
+        of_row = known & (rows == row)
+        x, y = np.hstack([before[of_row], cameras[of_row]]), offsets[of_row]
+        by = np.linalg.solve(x.T @ x + ridge, x.T @ y).T
+        y = y - x @ by.T
+        of_camera[row] = by[:, 4:]
         beyond = np.array(spread)
         if row != FIRST:
-            gram = x.T @ x + _COVARIANCE_VISITS * _PRIOR_COVARIANCE
-            displacement_regression[row - 1] = np.linalg.solve(gram, x.T @ y).T
-            y = y - x @ displacement_regression[row - 1].T
+            of_before[row - 1] = by[:, :4]
         if row == FLUSH:
             beyond[:2], beyond[:, :2] = 0.0, 0.0
         scatter = (_COVARIANCE_VISITS * prior + y.T @ y) / (_COVARIANCE_VISITS + len(y))
         factors[row] = np.linalg.cholesky(np.stack([scatter, scatter + beyond]))
-    return displacement_regression, factors
+    return of_before, of_camera, factors

@@ -21,9 +21,9 @@ A scene is drawn as follows.
    position in each frame; a displacement from it is drawn. A scenelet that is flush with the one
    before it continues from its last pelvis. After a gap it has a part of the displacement of
    the one before, because the error of the path persists. Yaw and size are about those of visits
-   of this scenelet and of similar ones. Means are transformed to the drawn camera
-   (:mod:`imapper_prob.sampling.image_pelvis`). With a small probability the placement comes from
-   the prior.
+   of this scenelet, above all of those that begin in nearly the same frame, and of similar ones.
+   Means are transformed to the drawn camera (:mod:`imapper_prob.sampling.image_pelvis`) and depend
+   on it linearly beyond that. With a small probability the placement comes from the prior.
 4. The latent variables of the path have their normal distribution, which the densities here do not
    include.
 
@@ -119,6 +119,8 @@ class Reference(NamedTuple):
     scenelet_deviations : (L, 2, 4) float
         Mean deviation of each scenelet from these means in its first and in its last frame:
         bearing, log depth, yaw, log size.
+    start_deviations : (T, L, 4) single
+        Further mean deviation of each scenelet by its start.
     rarely_visited : (L,) int
         1 for scenelets with too few visits of their own.
     weights : (6,) float
@@ -152,6 +154,8 @@ class Reference(NamedTuple):
         Prior standard deviation of the log size.
     displacement_regression : (2, 4, 4) float
         Regression of a displacement on that of the scenelet before, flush or after a gap.
+    camera_regression : (3, 4, 5) float
+        Regression of a displacement on the deviation of camera and body from their means.
     factors, constants : (3, 2, 4, 4), (3, 2) float
         Lower Cholesky factors of displacements, and log densities at their centres; the second
         column is for scenelets with too few visits.
@@ -169,6 +173,7 @@ class Reference(NamedTuple):
     yaw: Array
     size: float
     scenelet_deviations: Array
+    start_deviations: NDArray[np.float32]
     rarely_visited: Ints
     weights: Array
     followed_first: Ints
@@ -191,6 +196,7 @@ class Reference(NamedTuple):
     anywhere_deviation: Array
     size_spread: float
     displacement_regression: Array
+    camera_regression: Array
     factors: Array
     constants: Array
 

@@ -57,6 +57,7 @@ def _mean_position(
     where[2], where[3] = reference.yaw[start, scenelet], reference.size
     for i in range(4):
         where[i] += reference.scenelet_deviations[scenelet, last, i]
+        where[i] += reference.start_deviations[start, scenelet, i]
     height = reference.pelvis[scenelet, last, 2]
     reproject_pelvis(height, where, reference.library_camera, camera)
 
@@ -89,7 +90,7 @@ def placement_centre(
     """Centre of the distribution of a scenelet's pelvis in its first frame, and its factor's row.
 
     For a scenelet that is flush with the one before, the position continues from that one's last
-    pelvis.
+    pelvis. Every centre depends linearly on the camera.
 
     Parameters
     ----------
@@ -111,16 +112,20 @@ def placement_centre(
         Row of the displacement factors.
     """
     _mean_position(reference, camera, scenelet, start, 0, middle[0])
-    if end < 0:
-        return FIRST
-    row = FLUSH if start == end else GAP
-    if row == FLUSH:
-        for i in range(2):
-            step = reference.path[start, i] - reference.path[end - 1, i]
-            middle[0, i] = before[0, i] + step
-    _multiply(reference.displacement_regression[row - 1], before[1], middle[1])
+    row = FIRST
+    if end >= 0:
+        row = FLUSH if start == end else GAP
+        if row == FLUSH:
+            for i in range(2):
+                step = reference.path[start, i] - reference.path[end - 1, i]
+                middle[0, i] = before[0, i] + step
+        _multiply(reference.displacement_regression[row - 1], before[1], middle[1])
+        for i in range(4):
+            middle[0, i] += middle[1, i]
     for i in range(4):
-        middle[0, i] += middle[1, i]
+        for j in range(5):
+            off = camera[j] - reference.camera_mean[j]
+            middle[0, i] += reference.camera_regression[row, i, j] * off
     return row
 
 

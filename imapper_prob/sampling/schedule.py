@@ -13,12 +13,12 @@ continued keeps the same draws as a single longer run.
 - *Visits* are recorded in some rounds (:mod:`imapper_prob.sampling.visits`). The reference
   (:mod:`imapper_prob.sampling.reference`) is first learnt from walks about the results of the
   ascents (:mod:`imapper_prob.sampling.ascent`), and up to eight more times in burn-in at equal
-  intervals, each time from these and the later half of the visits so far, the last time after three
-  fourths of the burn-in. In the rest of the burn-in the temperatures adapt to this reference. After
-  burn-in a reference is learnt whenever a long chain has a fourth more rounds. Between two
-  references a chain is a Markov chain whose target is the posterior, and such adaptation, ever more
-  rarely, leaves means over draws consistent (Chimisov, Łatuszyński & Roberts 2018,
-  arXiv:1801.09309).
+  intervals, each time from these and the later half of the visits so far, which include a walk
+  about the best scene, the last time after three fourths of the burn-in. In the rest of the burn-in
+  the temperatures adapt to this reference. After burn-in a reference is learnt whenever a long
+  chain has a tenth more rounds. Between two references a chain is a Markov chain whose target is
+  the posterior, and such adaptation, ever more rarely, leaves means over draws consistent
+  (Chimisov, Łatuszyński & Roberts 2018, arXiv:1801.09309).
 - *Blocks* consist of pieces. A block is a fourth of the planned rounds after burn-in, and twice as
   long each time the number of rounds has doubled. The first one includes the burn-in.
 """
@@ -44,12 +44,12 @@ _REFERENCES: Final = 8
 too seldom are rare among the visits from which the next is learnt, so that several are needed."""
 _SHORTEST: Final = 20
 """Least number of rounds from one reference to the next; chosen: short chains should be short."""
-_GROWTH: Final = 1.25
+_GROWTH: Final = 1.1
 """Factor of the rounds from one reference after burn-in to the next; chosen."""
 _LATER_FROM: Final = 5000
 """Least number of rounds of a chain before a reference after burn-in; chosen: what shorter chains
 have visited since is little, and the demo has fewer effective draws if it learns from that."""
-_MOST: Final = 40
+_MOST: Final = 73
 """Largest number of references after burn-in: enough for a thousand times its rounds."""
 _NOTED: Final = 1000
 """Least number of rounds from one reference to the next whose states are recorded, if there are as

@@ -35,7 +35,10 @@ def save_problem(path: Path, problem: Problem) -> None:
     They are scenelets at the static path, weighted by how well they explain the detections.
     """
     fields = {f"problem {name}": value for name, value in problem._asdict().items()}
-    sequences, static = sequences_of(problem, gains_of(problem)), static_pelvis_on_floor(problem)
+    sequences, static = (
+        sequences_of(problem, gains_of(problem).values),
+        static_pelvis_on_floor(problem),
+    )
     weights = sequences.hazard[:, None] * sequences.scenelets
     starts, scenelets = np.nonzero(weights > _LEAST * weights.sum())
     items = np.stack([scenelets, starts], -1)

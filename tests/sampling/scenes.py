@@ -11,7 +11,7 @@ import numpy as np
 from imapper_prob.models.log_posterior import State, empty_state
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal
-from imapper_prob.sampling.gains import frames_left_of
+from imapper_prob.sampling.gains import Gains, frames_left_of
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.reference import Reference
 from imapper_prob.sampling.scene import arrays_of, state_of
@@ -56,12 +56,13 @@ def mixture_of(moves: Moves, names: Sequence[str] = tuple(MOVES)) -> Mixture[Sta
     return Mixture([SceneMove(moves, name) for name in chosen], list(chosen.values()))
 
 
-def random_gains(problem: Problem, seed: int = 0) -> np.ndarray:
-    """Of less than a nat, which say nothing of the data."""
+def random_gains(problem: Problem, seed: int = 0) -> Gains:
+    """Of less than a nat, and sizes, which say nothing of the data."""
+    rng = np.random.default_rng(seed)
     shape = problem.n_frames, len(problem.lengths)
-    gains = 0.3 * np.random.default_rng(seed).normal(size=shape)
+    gains = 0.3 * rng.normal(size=shape)
     gains[problem.lengths > frames_left_of(problem)[:-1, None]] = -np.inf
-    return gains
+    return Gains(gains, 0.05 * rng.normal(size=shape))
 
 
 def similarity() -> np.ndarray:

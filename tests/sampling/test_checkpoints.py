@@ -19,6 +19,7 @@ from imapper_prob.config import SampleSettings
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scenelet import Library
 from imapper_prob.samplers.checkpoint import Checkpointer
+from imapper_prob.samplers.reversible_jump import ChainState
 from imapper_prob.samplers.tempering import LogDensityParts, start
 from imapper_prob.sampling import schedule
 from imapper_prob.sampling.chain import Chain, Setup, first_used, run_chain
@@ -108,6 +109,13 @@ def test_visits_for_other_references_are_refused(setup: Setup, tmp_path: Path) -
         progress.check(setup.problem, SETTINGS)
 
 
+def test_progress_without_its_best_scene_is_refused(setup: Setup, tmp_path: Path) -> None:
+    progress = run(setup, tmp_path / "chain.npz", stop_at=0.8).progress
+    progress.best = None
+    with pytest.raises(InputError, match="best scene"):
+        progress.check(setup.problem, SETTINGS)
+
+
 def test_temperatures_in_excess_are_dropped(undisturbed: Chain) -> None:
     barrier = undisturbed.progress.barrier
     assert 1.0 < barrier < 3.0
@@ -128,6 +136,7 @@ def test_progress_survives_its_snapshot() -> None:
     progress.states.append(other)
     progress.values.append(-1.5)
     progress.barrier = 1.25
+    progress.best = ChainState(first, -1.0)
     again = ChainProgress.of(progress.snapshot())
     assert again.position.betas == (0.5, 1.0)
     assert again.position.log_likelihoods == (-2.0, -2.0)
@@ -138,6 +147,9 @@ def test_progress_survives_its_snapshot() -> None:
     assert again.values == [-1.5]
     assert again.table == progress.table
     assert again.barrier == 1.25
+    assert again.best is not None
+    assert again.best.log_density == -1.0
+    np.testing.assert_array_equal(again.best.state.items, first.items)
 
 
 def test_checkpoints_of_another_run_are_refused(tmp_path: Path) -> None:

@@ -51,14 +51,22 @@ def placed_as_expected(reference: Reference, scenelet: int, start: int) -> tuple
 
 
 def test_a_gain_is_what_the_model_says_of_detections() -> None:
+    """At a size that is no worse than the mean, and about as good as the best of many."""
     gains, static, empty = gains_of(BARE), static_pelvis_on_floor(BARE), empty_state(BARE)
     for scenelet, start in ((0, 0), (1, 4), (2, 10)):
-        x, y, yaw = expected_placement(BARE, static, scenelet, start)
-        there = empty.with_item(scenelet, start, np.array([x, y, yaw]))
-        more = gain_by_frame(there)
+        placement = np.array(expected_placement(BARE, static, scenelet, start))
         covered = slice(start, start + int(BARE.lengths[scenelet]))
-        assert gains[start, scenelet] == pytest.approx(more[covered].sum(), abs=1e-3)
-        assert abs(more[covered].sum()) > 0.2
+        deviations = np.array([gains.sizes[start, scenelet] / BARE.size_spread, 0, -1, 1])
+        deviations = np.append(deviations, np.linspace(-3, 3, 61))
+        found = [
+            gain_by_frame(empty.with_item(scenelet, start, placement, n * BARE.size_spread))
+            for n in deviations
+        ]
+        values = np.array([more[covered].sum() for more in found]) - 0.5 * deviations**2
+        assert gains.values[start, scenelet] == pytest.approx(values[0], abs=1e-3)
+        assert abs(values[0]) > 0.2
+        assert values[0] > values[1:4].max() - 1e-3
+        assert values[0] > values.max() - 0.5
 
 
 def test_scenelets_stand_on_the_static_path() -> None:
@@ -73,7 +81,7 @@ def test_no_scenelet_reaches_into_the_next_persons_frames() -> None:
     starts = np.array(BARE.path_starts)
     starts[9] = True
     problem = BARE._replace(path_starts=starts)
-    gains, frames_left = gains_of(problem), frames_left_of(problem)
+    gains, frames_left = gains_of(problem).values, frames_left_of(problem)
     assert frames_left[[0, 8, 9, N_FRAMES]].tolist() == [9, 1, N_FRAMES - 9, 0]
     fits = problem.lengths <= frames_left[:-1, None]
     assert (np.isfinite(gains) == fits).all()
@@ -88,29 +96,30 @@ def test_gains_are_judged_again_where_scenelets_are_expected() -> None:
         for _ in range(40):
             visits.note(empty.with_item(scenelet, start, np.array([x + 0.1, 1.05 * y, yaw + 0.2])))
     reference = learn(BARE, static, np.ones((3, 3)), visits)
-    gains = gains_about(BARE, static, reference)
-    assert (np.isfinite(gains) == np.isfinite(static)).all()
+    gains = gains_about(BARE, static.values, reference)
+    assert (np.isfinite(gains) == np.isfinite(static.values)).all()
     for scenelet, start in ((0, 0), (1, 4), (2, 10), (1, 2)):
         size, placement = placed_as_expected(reference, scenelet, start)
         covered = slice(start, start + int(BARE.lengths[scenelet]))
         there = gain_by_frame(empty.with_item(scenelet, start, placement, size))
-        assert gains[start, scenelet] == pytest.approx(there[covered].sum(), abs=1e-3)
-        assert abs(gains[start, scenelet] - static[start, scenelet]) > 0.01
+        gain = there[covered].sum() - 0.5 * (size / BARE.size_spread) ** 2
+        assert gains[start, scenelet] == pytest.approx(gain, abs=1e-3)
+        assert abs(gains[start, scenelet] - static.values[start, scenelet]) > 0.01
 
 
 def test_hopeless_scenelets_are_not_judged_again() -> None:
     static = gains_of(BARE)
-    static[4, 1] = static[4].max() - 20.0
+    static.values[4, 1] = static.values[4].max() - 20.0
     visits = Visits()
     x, y, yaw = expected_placement(BARE, static_pelvis_on_floor(BARE), 0, 0)
     visits.note(empty_state(BARE).with_item(0, 0, np.array([x, 1.1 * y, yaw])))
-    gains = gains_about(BARE, static, learn(BARE, static, np.ones((3, 3)), visits))
-    assert gains[4, 1] == static[4, 1]
-    assert gains[4, 0] != static[4, 0]
+    gains = gains_about(BARE, static.values, learn(BARE, static, np.ones((3, 3)), visits))
+    assert gains[4, 1] == static.values[4, 1]
+    assert gains[4, 0] != static.values[4, 0]
 
 
 def test_without_a_likelihood_nothing_gains() -> None:
-    gains = gains_of(BARE._replace(likelihood=0.0))
+    gains = gains_of(BARE._replace(likelihood=0.0)).values
     assert (gains[np.isfinite(gains)] == 0).all()
 
 
@@ -126,7 +135,7 @@ def sequences(start: int, lengths: np.ndarray) -> Iterator[list[tuple[int, int]]
 
 @pytest.mark.parametrize("end", [0, 3, 9])
 def test_probabilities_are_shares_of_all_sequences(end: int) -> None:
-    gains = 5 * random_gains(BARE)
+    gains = 5 * random_gains(BARE).values
     rates = np.array([0.2, 0.5, 0.3])
     problem = BARE._replace(log_rate=np.log(rates) - 3.0)  # only ratios of rates count
     found = sequences_of(problem, gains)

@@ -158,7 +158,9 @@ def test_the_density_is_that_of_the_draws(films: int) -> None:
     assert abs(mean_ratio(mixed, reference, reference, 6000)) < LIMIT
 
 
-@pytest.mark.parametrize("error", ["constant", "reprojected", "regression", "ends"])
+@pytest.mark.parametrize(
+    "error", ["constant", "reprojected", "regression", "camera", "start", "ends"]
+)
 def test_wrong_densities_are_seen(error: str) -> None:
     """What is as wrong again is, on average over draws, not as dense as it should be."""
     right = known()
@@ -172,12 +174,53 @@ def test_wrong_densities_are_seen(error: str) -> None:
             "regression": {
                 "displacement_regression": right.displacement_regression + 0.4 * by * np.eye(4)
             },
+            "camera": {"camera_regression": right.camera_regression + 0.4 * by},
+            "start": {"start_deviations": right.start_deviations + np.float32(0.02 * by)},
             "ends": {"later_probability": ends},
         }
         return right._replace(**changes[error])
 
     assert abs(mean_ratio(wrong(2), right, wrong(1), 6000)) > LIMIT
     assert abs(mean_ratio(narrower(right), right, right, 6000)) < LIMIT
+
+
+def test_centres_by_camera_and_start_are_learnt() -> None:
+    """What is learnt from draws of a narrow reference is this reference."""
+    rng, wide = np.random.default_rng(3), known()
+    turns = rng.choice([-0.1, 0.1], wide.yaw.shape).astype(np.float32)
+    by_camera = np.zeros((3, 4, 5))
+    by_camera[:, 1, 3] = 0.6
+    true = wide._replace(
+        start_deviations=np.eye(4, dtype=np.float32)[2] * turns[..., None],
+        camera_regression=by_camera, factors=0.3 * wide.factors,
+    )  # fmt: skip
+    visits = Visits()
+    for _ in range(3000):
+        visits.note(draw_scene(true, rng))
+    learnt = learn(PROBLEM, random_gains(PROBLEM), similarity(), visits)
+    scenelet, start = visits.arrays()["items"].T
+    number = np.zeros(turns.shape)
+    np.add.at(number, (start, scenelet), 1)
+    often = number > 30
+    assert often.sum() > 30
+    # Means of neighbouring starts and of the scenelet are taken for a part of it.
+    found = learnt.yaw + learnt.scenelet_deviations[:, 0, 2] + learnt.start_deviations[..., 2]
+    expected = true.scenelet_deviations[:, 0, 2] + turns
+    assert np.corrcoef((found - true.yaw)[often], expected[often])[0, 1] > 0.8
+    assert learnt.camera_regression[0, 1, 3] == pytest.approx(0.6, abs=0.2)
+
+
+def test_sizes_that_fit_are_expected_until_visits_say_otherwise() -> None:
+    gains, none, many = random_gains(PROBLEM), Visits(), Visits()
+    none.note(empty_state(PROBLEM))
+    for n in range(2000):
+        scenelet, start = n % 3, n % 10
+        many.note(empty_state(PROBLEM).with_item(scenelet, start, np.array([0.3, 3.5, 1.0])))
+    expected, otherwise = (
+        learn(PROBLEM, gains, similarity(), v).start_deviations[..., 3] for v in (none, many)
+    )
+    assert expected == pytest.approx(gains.sizes, abs=1e-6)
+    assert np.abs(otherwise[12:]).max() < 0.2 * np.abs(gains.sizes[12:]).max()
 
 
 def test_scenelets_are_reprojected_as_moves_reproject_them() -> None:
@@ -199,6 +242,8 @@ def test_scenelets_are_reprojected_as_moves_reproject_them() -> None:
     only = reference._replace(
         pelvis=pelvis, path=path, yaw=yaw, size=0.02,
         scenelet_deviations=np.zeros_like(reference.scenelet_deviations),
+        start_deviations=np.zeros_like(reference.start_deviations),
+        camera_regression=np.zeros_like(reference.camera_regression),
         camera_factor=reference.camera_factor * 1e6, factors=reference.factors * 0.1,
     )  # fmt: skip
     area = 2 * np.log([state.placements[0, 1], moved.placements[0, 1]])

@@ -13,6 +13,7 @@ from imapper_prob.models.view import to_floor
 from imapper_prob.sampling import chain
 from imapper_prob.sampling.chain import Chain, Setup, run_chain
 from imapper_prob.sampling.sample import setup_of
+from imapper_prob.sampling.schedule import learning_of
 from imapper_prob.sampling.visits import Visits
 from tests.runs import small_solution
 
@@ -63,3 +64,28 @@ def test_later_references_remember_what_walks_visited(monkeypatch: pytest.Monkey
     # A fourth of the eighty: the ten of the walk twice.
     assert (third > 0).sum() == 20
     assert (third == 0).sum() == 80
+
+
+def test_every_reference_remembers_the_best_scene_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
+    walk, about = chain._walk, []
+
+    def listen(learnt, first, rng, steps):
+        about.append(first)
+        return walk(learnt, first, rng, steps)
+
+    monkeypatch.setattr(chain, "_walk", listen)
+    setup = setup_of(small_solution(), BRIEF)
+    found = run(setup)
+    ends = [end for end in learning_of(BRIEF).ends if end <= BRIEF.rounds]
+    assert len(about) == len(ends) > 1
+    values = [log_posterior(setup.problem, state) for state in about[1:]]
+    assert values == sorted(values)
+    best = found.progress.best
+    assert best.log_density == pytest.approx(log_posterior(setup.problem, best.state), abs=1e-6)
+    assert best.log_density >= max(*values, *found.log_posterior)
+    # A walk of 17 states is a fourth as much as what was visited, or a little more or less.
+    for visits, state in zip(found.progress.visits[1:], about[1:], strict=False):
+        rows = visits.arrays()
+        firsts = (rows["cameras"] == state.camera).all(1).sum()
+        others = len(rows["counts"]) - 17 * firsts
+        assert firsts >= max(1, round(0.25 * others / 17))
