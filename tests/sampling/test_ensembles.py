@@ -35,7 +35,7 @@ def drawn(problem: Problem) -> tuple[list[State], np.ndarray]:
         scene_chain = SceneChain(problem, moves, scenes.random_state(problem, chain))
         scene_chain.advance(rng, 1.0, 4_000)
         for _ in range(DRAWS):
-            states.append(scene_chain.advance(rng, 1.0, 200)[0].state)
+            states.append(scene_chain.advance(rng, 1.0, 400)[0].state)
     values = np.array([log_posterior(problem, state) for state in states])
     return states, values.reshape(CHAINS, DRAWS)
 
