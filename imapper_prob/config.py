@@ -79,7 +79,7 @@ class SampleSettings:
     """
 
     chains: int = 4
-    steps: int = 200_000
+    steps: int = 160_000
     temperatures: int = 8
     swap_every: int = 5
     burn_in: float = 0.3

@@ -67,6 +67,7 @@ from imapper_prob.models.scene import Clip, Placement, SceneObject
 from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import NOTHING_IN_SIGHT, OPAQUE
 from imapper_prob.models.skeleton import PELV
+from imapper_prob.samplers.tempering import POSTERIOR
 from imapper_prob.sampling.chain import run_chain
 from imapper_prob.sampling.gains import gains_of
 from imapper_prob.sampling.learning import learn
@@ -369,7 +370,7 @@ def step_figures(world: World, seconds: float) -> dict[str, float]:
         while time.perf_counter() < until:
             chain = SceneChain(problem, moves._replace(weights=weights), world.state)
             start = time.perf_counter()
-            chain.advance(rng, 1.0, STEPS)
+            chain.advance(rng, POSTERIOR, STEPS)
             best = min(best, time.perf_counter() - start)
         return STEPS / best
 

@@ -15,7 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["LadderSummary", "SwapTable", "best_rungs", "power_ladder", "respaced", "thinned_betas"]
+__all__ = [
+    "LadderSummary", "SwapTable", "best_rungs", "power_ladder", "respaced", "thinned_betas",
+    "tilted",
+]  # fmt: skip
 
 
 # The tempered distributions change fastest near the prior. On the scale beta^0.3, on which Xie et
@@ -72,6 +75,46 @@ def respaced(
     gaps *= (places[-1] - places[0]) / gaps.sum()
     inner = (places[0] + np.cumsum(gaps[:-1])) ** (1 / _SCALE)
     return (betas[0], *inner.tolist(), betas[-1])
+
+
+def tilted(
+    betas: Sequence[float],
+    tilts: Sequence[Sequence[float]],
+    counts: Sequence[Sequence[float]],
+    mean_counts: tuple[Sequence[float], Sequence[float]],
+    *,
+    gain: float,
+) -> tuple[tuple[tuple[float, ...], ...], tuple[tuple[float, ...], tuple[float, ...]]]:
+    """Raise the tilts of kinds that a rung has too few of, and lower the others.
+
+    The aim of each rung is the mean of the mean counts at both ends, weighted by the inverse
+    temperature. With decreasing gains this is a stochastic approximation. The ends have no tilts.
+
+    Parameters
+    ----------
+    betas : sequence of K float
+        Ascending.
+    tilts : sequence of K sequences of M float
+        Factor of each kind's count in the log density of each rung.
+    counts : sequence of K sequences of M float
+        Number of parts of each kind of the states on the rungs.
+    mean_counts : tuple of 2 sequences of M float
+        Running means of the counts at both ends.
+    gain : float
+        Step size of the adaptation, positive.
+
+    Returns
+    -------
+    tilts : tuple of K tuples of M float
+    mean_counts : tuple of 2 tuples of M float
+    """
+    now, ends = np.asarray(counts, float), np.asarray(mean_counts, float)
+    ends += gain * (now[[0, -1]] - ends)
+    share = np.asarray(betas)[1:-1, None]
+    new = np.array(tilts, float)
+    new[1:-1] += gain * (ends[0] + share * (ends[1] - ends[0]) - now[1:-1])
+    first, last = ends.tolist()
+    return tuple(map(tuple, new.tolist())), (tuple(first), tuple(last))
 
 
 def thinned_betas(betas: Sequence[float], rungs: int) -> tuple[tuple[int, ...], tuple[float, ...]]:

@@ -1,9 +1,15 @@
 """Parallel tempering with any kernel.
 
-The tempered log density is ``log prior + beta log likelihood``, from the prior (beta = 0) to the
-posterior (beta = 1). A kernel receives an ordinary log density, that of its rung (one inverse
-temperature). Only swaps need the two parts separately; the ratio of a swap contains only the
-likelihoods.
+The tempered log density is ``log prior + beta log likelihood + tilts counts``, from the prior
+(beta = 0) to the posterior (beta = 1). A kernel receives an ordinary log density, that of its rung
+(one inverse temperature, and its tilts). Only swaps need the parts separately; the ratio of a swap
+contains only likelihoods and counts.
+
+The counts are the numbers of parts of each kind in a state, if these vary. Without tilts some
+states can be far rarer at inverse temperatures in between than at both ends: where the posterior is
+narrower than the prior, each part costs mass in between, some kinds more than others. These states
+then have to pass a bottleneck. The tilts adapt until the mean counts on every rung lie between
+those of both ends, which have no tilt.
 
 Even and odd pairs of neighbours swap in alternation. Each swap leaves the joint target invariant.
 Unlike randomly chosen pairs, the alternation moves states on in the same direction.
@@ -19,6 +25,9 @@ References
 ----------
 Geyer 1991, Computing Science and Statistics 23, 156 (parallel tempering).
 Liang & Wong 2000, Statistica Sinica 10, 317 (crossover between temperatures).
+Woodard, Schmidler & Huber 2009, Electronic Journal of Probability 14, 780 (bottlenecks).
+Grosse, Maddison & Salakhutdinov 2013, NeurIPS 26 (paths of averaged moments).
+Tawn, Roberts & Rosenthal 2020, Statistics and Computing 30, 27 (weights that tempering preserves).
 Syed, Bouchard-Côté, Deligiannidis & Doucet 2022, JRSS B 84, 321 (even-odd swaps).
 Surjanovic, Syed, Bouchard-Côté & Campbell 2022, NeurIPS 35 (a learnt distribution as the prior).
 """
@@ -29,16 +38,20 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from operator import mul
+from typing import Final, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from imapper_prob.samplers.ladder import respaced, thinned_betas
+from imapper_prob.samplers.ladder import respaced, thinned_betas, tilted
 from imapper_prob.samplers.reversible_jump import ChainState, StepInfo, init
 
 __all__ = [
+    "POSTERIOR",
+    "PRIOR",
     "KernelChain",
     "LogDensityParts",
+    "Rung",
     "TemperedDensity",
     "TemperingInfo",
     "TemperingState",
@@ -56,8 +69,41 @@ _TRIES = 100
 """Draws from the prior that are tried to find one with nonzero likelihood; a chosen number."""
 
 
+class Rung(NamedTuple):
+    """Which tempered distribution a chain has.
+
+    Parameters
+    ----------
+    beta : float
+        Inverse temperature.
+    tilts : tuple of float
+        Factor of each kind's count in the log density; none is a factor of 0.
+    """
+
+    beta: float
+    tilts: tuple[float, ...] = ()
+
+    def log_tilt(self, counts: Sequence[float]) -> float:
+        """The sum of factors times counts.
+
+        Parameters
+        ----------
+        counts : sequence of float
+            Number of parts of each kind.
+
+        Returns
+        -------
+        float
+        """
+        return math.fsum(map(mul, self.tilts, counts))
+
+
+PRIOR: Final = Rung(0.0)
+POSTERIOR: Final = Rung(1.0)
+
+
 class LogDensityParts(NamedTuple):
-    """A log density as log prior and log likelihood.
+    """A log density as log prior and log likelihood, and the counts of its state.
 
     Parameters
     ----------
@@ -65,26 +111,29 @@ class LogDensityParts(NamedTuple):
         Normalised if marginal likelihoods are wanted; -inf outside the support.
     log_likelihood : float
         Undefined where the prior is -inf.
+    counts : tuple of float
+        Number of parts of each kind.
     """
 
     log_prior: float
     log_likelihood: float
+    counts: tuple[float, ...] = ()
 
-    def at(self, beta: float) -> float:
-        """The tempered log density, log prior + beta log likelihood.
+    def at(self, rung: Rung) -> float:
+        """The tempered log density, log prior + beta log likelihood + tilts counts.
 
         Parameters
         ----------
-        beta : float
-            Inverse temperature.
+        rung : Rung
 
         Returns
         -------
         float
         """
-        if self.log_prior == -math.inf or beta == 0:
+        if self.log_prior == -math.inf:
             return self.log_prior
-        return self.log_prior + beta * self.log_likelihood
+        tilted = self.log_prior + rung.log_tilt(self.counts)
+        return tilted + rung.beta * self.log_likelihood if rung.beta > 0 else tilted
 
 
 Target = Callable[[S], LogDensityParts]
@@ -99,15 +148,18 @@ class RungChain(Protocol[S]):
         The constructor is that of the class.
     """
 
-    def __call__(self, state: S, beta: float = 0.0, least: float = -math.inf, /) -> LogDensityParts:
+    def __call__(
+        self, state: S, rung: Rung = PRIOR, least: float = -math.inf, /
+    ) -> LogDensityParts:
         """Evaluate the log density of a state without moving the chain.
 
         Parameters
         ----------
         state : S
-        beta, least : float
-            The evaluation may end early, with a log density of -inf, if the log density at this
-            inverse temperature is less.
+        rung : Rung
+        least : float
+            The evaluation may end early, with a log density of -inf, if the log density on this
+            rung is less.
 
         Returns
         -------
@@ -123,14 +175,14 @@ class RungChain(Protocol[S]):
         """
 
     def advance(
-        self, rng: np.random.Generator, beta: float, steps: int, /
+        self, rng: np.random.Generator, rung: Rung, steps: int, /
     ) -> tuple[ChainState[S], tuple[StepInfo, ...]]:
-        """Make steps at an inverse temperature.
+        """Make steps on a rung.
 
         Parameters
         ----------
         rng : numpy.random.Generator
-        beta : float
+        rung : Rung
         steps : int
 
         Returns
@@ -150,16 +202,15 @@ class TemperedDensity(Generic[S]):
     ----------
     target : callable
         ``target(state) -> LogDensityParts``.
-    beta : float
-        Inverse temperature.
+    rung : Rung
     """
 
     target: Target[S]
-    beta: float
+    rung: Rung
 
     def __call__(self, state: S) -> float:
         """Log density of ``state`` up to a constant."""
-        return self.target(state).at(self.beta)
+        return self.target(state).at(self.rung)
 
 
 class Kernel(Protocol[S]):
@@ -197,10 +248,16 @@ class TemperingState(NamedTuple, Generic[S]):
     ----------
     betas : tuple of K float
         Inverse temperatures, ascending to 1.
+    tilts : tuple of K tuples of float
+        Factor of each kind's count in the log density of each rung.
     chains : tuple of K ChainState
         The chain on each rung; the last one samples the posterior.
     log_likelihoods : tuple of K float
         Log likelihoods of these states.
+    counts : tuple of K tuples of float
+        Number of parts of each kind of these states.
+    mean_counts : tuple of 2 tuples of float
+        Running means of the counts on the first rung and on the last.
     replicas : tuple of K int
         Index of the start whose replica is on each rung.
     rounds : int
@@ -208,10 +265,18 @@ class TemperingState(NamedTuple, Generic[S]):
     """
 
     betas: tuple[float, ...]
+    tilts: tuple[tuple[float, ...], ...]
     chains: tuple[ChainState[S], ...]
     log_likelihoods: tuple[float, ...]
+    counts: tuple[tuple[float, ...], ...]
+    mean_counts: tuple[tuple[float, ...], tuple[float, ...]]
     replicas: tuple[int, ...]
     rounds: int
+
+    @property
+    def rungs(self) -> tuple[Rung, ...]:
+        """The distribution of each rung."""
+        return tuple(map(Rung, self.betas, self.tilts))
 
 
 class TemperingInfo(NamedTuple, Generic[S]):
@@ -235,7 +300,13 @@ class TemperingInfo(NamedTuple, Generic[S]):
     crossovers: tuple[StepInfo, ...] = ()
 
 
-def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> TemperingState[S]:
+def start(
+    states: Sequence[S],
+    *,
+    target: Target[S],
+    betas: Sequence[float],
+    tilts: Sequence[tuple[float, ...]] | None = None,
+) -> TemperingState[S]:
     """Place one state on each rung.
 
     Parameters
@@ -245,6 +316,8 @@ def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> 
         ``target(state) -> LogDensityParts``.
     betas : sequence of K float
         Inverse temperatures, ascending from 0 or more to 1.
+    tilts : sequence of K tuples of float, optional
+        Factor of each kind's count in the log density of each rung; 0 if not given.
 
     Returns
     -------
@@ -264,12 +337,24 @@ def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> 
         raise ValueError(f"inverse temperatures must ascend from 0 or more to 1, not {betas}")
     if len(states) != len(betas):
         raise ValueError(f"{len(states)} states for {len(betas)} rungs")
+    parts = [target(state) for state in states]
+    counts = tuple(part.counts for part in parts)
+    if tilts is None:
+        tilts = [(0.0,) * len(count) for count in counts]
     chains = tuple(
-        init(TemperedDensity(target, beta), state)
-        for state, beta in zip(states, betas, strict=True)
+        init(TemperedDensity(target, Rung(beta, tilt)), state)
+        for state, beta, tilt in zip(states, betas, tilts, strict=True)
     )
-    likelihoods = tuple(target(state).log_likelihood for state in states)
-    return TemperingState(betas, chains, likelihoods, tuple(range(len(betas))), 0)
+    return TemperingState(
+        betas=betas,
+        tilts=tuple(tilts),
+        chains=chains,
+        log_likelihoods=tuple(part.log_likelihood for part in parts),
+        counts=counts,
+        mean_counts=(counts[0], counts[-1]),
+        replicas=tuple(range(len(betas))),
+        rounds=0,
+    )
 
 
 def thinned(state: TemperingState[S], rungs: int) -> TemperingState[S]:
@@ -294,16 +379,22 @@ def thinned(state: TemperingState[S], rungs: int) -> TemperingState[S]:
         The number of rungs is out of range.
     """
     kept, betas = thinned_betas(state.betas, rungs)
-    likelihoods = tuple(state.log_likelihoods[k] for k in kept)
+    by_kind = [np.interp(betas, state.betas, of_kind) for of_kind in zip(*state.tilts, strict=True)]
+    tilts = tuple(zip(*by_kind, strict=True)) if by_kind else ((),) * rungs
     return state._replace(
         betas=betas,
+        tilts=tilts,
         chains=tuple(
             state.chains[k]._replace(
-                log_density=state.chains[k].log_density + (beta - state.betas[k]) * likelihood
+                log_density=state.chains[k].log_density
+                + (beta - state.betas[k]) * state.log_likelihoods[k]
+                + Rung(beta, tilt).log_tilt(state.counts[k])
+                - state.rungs[k].log_tilt(state.counts[k])
             )
-            for k, beta, likelihood in zip(kept, betas, likelihoods, strict=True)
+            for k, beta, tilt in zip(kept, betas, tilts, strict=True)
         ),
-        log_likelihoods=likelihoods,
+        log_likelihoods=tuple(state.log_likelihoods[k] for k in kept),
+        counts=tuple(state.counts[k] for k in kept),
         replicas=tuple(range(rungs)),
     )
 
@@ -332,9 +423,9 @@ def temper(
     steps_per_swap : int
         Proposals on each rung between two rounds of swaps.
     adapt : bool
-        Adapt the inverse temperatures towards equal swap rates. An adapting chain does not leave
-        its target invariant: adapt during burn-in, then continue from the last state without
-        adaptation.
+        Adapt the inverse temperatures towards equal swap rates, and the tilts towards mean counts
+        between those of both ends. An adapting chain does not leave its target invariant: adapt
+        during burn-in, then continue from the last state without adaptation.
     crossover : Crossover, optional
         Exchanges parts of states across every second gap, before the swaps.
     independent : callable, optional
@@ -379,7 +470,7 @@ class KernelChain(Generic[S]):
     def __init__(self, target: Target[S], kernel: Kernel[S], state: S) -> None:
         self._target, self._kernel, self._state = target, kernel, state
 
-    def __call__(self, state: S, beta: float = 0.0, least: float = -math.inf) -> LogDensityParts:
+    def __call__(self, state: S, rung: Rung = PRIOR, least: float = -math.inf) -> LogDensityParts:
         """Evaluate the log density of ``state``, whatever is needed."""
         return self._target(state)
 
@@ -393,14 +484,14 @@ class KernelChain(Generic[S]):
         self._state = state
 
     def advance(
-        self, rng: np.random.Generator, beta: float, steps: int
+        self, rng: np.random.Generator, rung: Rung, steps: int
     ) -> tuple[ChainState[S], tuple[StepInfo, ...]]:
         """Make steps with the kernel.
 
         Parameters
         ----------
         rng : numpy.random.Generator
-        beta : float
+        rung : Rung
         steps : int
 
         Returns
@@ -410,7 +501,7 @@ class KernelChain(Generic[S]):
         tuple of StepInfo
             Record of each step.
         """
-        density, infos = TemperedDensity(self._target, beta), []
+        density, infos = TemperedDensity(self._target, rung), []
         at = ChainState(self._state, density(self._state))
         for _ in range(steps):
             at, info = self._kernel(rng, at, log_density_fn=density)
@@ -432,14 +523,14 @@ def _rounds(
     while True:
         chains: list[ChainState[S]] = []
         steps: list[tuple[StepInfo, ...]] = []
-        for rng, chain, beta, rung_chain in zip(
-            rung_rngs, state.chains, state.betas, rung_chains, strict=True
+        for rng, chain, rung, rung_chain in zip(
+            rung_rngs, state.chains, state.rungs, rung_chains, strict=True
         ):
-            if beta == 0 and independent is not None:
+            if rung.beta == 0 and independent is not None:
                 chain, info = _drawn(rng, chain, independent, rung_chain)
                 infos: tuple[StepInfo, ...] = (info,)
             else:
-                chain, infos = rung_chain.advance(rng, beta, steps_per_swap)
+                chain, infos = rung_chain.advance(rng, rung, steps_per_swap)
             chains.append(chain)
             steps.append(infos)
         crossed = []
@@ -448,29 +539,34 @@ def _rounds(
             for gap in range(1 - state.rounds % 2, len(chains) - 1, 2):
                 pair = slice(gap, gap + 2)
                 chains[pair], info = _crossed(
-                    swap_rng, chains[pair], rung_chains[pair], state.betas[pair], crossover
+                    swap_rng, chains[pair], rung_chains[pair], state.rungs[pair], crossover
                 )
                 crossed.append(info)
         parts = [
             rung_chain(chain.state) for rung_chain, chain in zip(rung_chains, chains, strict=True)
         ]
-        rungs = zip(parts, state.betas, strict=True)
+        rungs = zip(parts, state.rungs, strict=True)
         acceptance = tuple(
             math.exp(min(0.0, _log_swap_ratio(hot, cold))) for hot, cold in pairwise(rungs)
         )
         order = _swapped(swap_rng, acceptance, odd=state.rounds % 2)
         rung_chains = [rung_chains[i] for i in order]
-        betas = state.betas
+        parts, betas, tilts = [parts[i] for i in order], state.betas, state.tilts
+        counts, mean_counts = tuple(part.counts for part in parts), state.mean_counts
         if adapt:
             gain = (state.rounds + 1) ** -_ADAPTATION_DECAY
             betas = respaced(betas, acceptance, gain=gain)
+            tilts, mean_counts = tilted(betas, tilts, counts, mean_counts, gain=gain)
         state = TemperingState(
             betas=betas,
+            tilts=tilts,
             chains=tuple(
-                ChainState(chains[i].state, parts[i].at(beta))
-                for i, beta in zip(order, betas, strict=True)
+                ChainState(chains[i].state, part.at(Rung(beta, tilt)))
+                for i, part, beta, tilt in zip(order, parts, betas, tilts, strict=True)
             ),
-            log_likelihoods=tuple(parts[i].log_likelihood for i in order),
+            log_likelihoods=tuple(part.log_likelihood for part in parts),
+            counts=counts,
+            mean_counts=mean_counts,
             replicas=tuple(state.replicas[i] for i in order),
             rounds=state.rounds + 1,
         )
@@ -501,7 +597,7 @@ def _crossed(
     rng: np.random.Generator,
     pair: Sequence[ChainState[S]],
     rung_chains: Sequence[RungChain[S]],
-    betas: Sequence[float],
+    rungs: Sequence[Rung],
     crossover: Crossover[S],
 ) -> tuple[list[ChainState[S]], StepInfo]:
     """States of two neighbouring rungs after one crossover attempt."""
@@ -512,9 +608,9 @@ def _crossed(
     lowest, before = -rng.standard_exponential(), sum(chain.log_density for chain in pair)
     # The colder state first, because it decides more often; the other needs to be no better than
     # the exchange requires.
-    cold = rung_chains[1](states[1]).at(betas[1])
+    cold = rung_chains[1](states[1]).at(rungs[1])
     least = lowest - log_ratio + before - cold
-    hot = rung_chains[0](states[0], betas[0], least).at(betas[0]) if cold > -math.inf else -math.inf
+    hot = rung_chains[0](states[0], rungs[0], least).at(rungs[0]) if cold > -math.inf else -math.inf
     log_acceptance = min(0.0, hot + cold - before + log_ratio)
     accepted = bool(log_acceptance > lowest)
     new = [ChainState(states[0], hot), ChainState(states[1], cold)]
@@ -524,11 +620,12 @@ def _crossed(
     return (new if accepted else list(pair)), StepInfo("crossover", accepted, log_acceptance)
 
 
-def _log_swap_ratio(
-    hot: tuple[LogDensityParts, float], cold: tuple[LogDensityParts, float]
-) -> float:
+def _log_swap_ratio(hot: tuple[LogDensityParts, Rung], cold: tuple[LogDensityParts, Rung]) -> float:
     """Log ratio of the joint density after and before a swap; the priors cancel."""
-    return (cold[1] - hot[1]) * (hot[0].log_likelihood - cold[0].log_likelihood)
+    ratio = (cold[1].beta - hot[1].beta) * (hot[0].log_likelihood - cold[0].log_likelihood)
+    for parts, gained, lost in ((hot[0], cold[1], hot[1]), (cold[0], hot[1], cold[1])):
+        ratio += gained.log_tilt(parts.counts) - lost.log_tilt(parts.counts)
+    return ratio
 
 
 def _swapped(rng: np.random.Generator, acceptance: Sequence[float], *, odd: int) -> list[int]:

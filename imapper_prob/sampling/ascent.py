@@ -25,6 +25,7 @@ from imapper_prob.models.kernels.incremental import NOWHERE, change, commit
 from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.samplers.chains import Report
+from imapper_prob.samplers.tempering import POSTERIOR, Rung
 from imapper_prob.sampling.jit import compiled, inner, inner_inlined
 from imapper_prob.sampling.redraws import set_placement, with_stretch
 from imapper_prob.sampling.reference import NONE_BEFORE, Reference
@@ -291,10 +292,10 @@ def _nearby(problem: Problem, moves: Moves, state: State, rng: np.random.Generat
     """The best scene of a cold chain whose moves keep the scenelets."""
     weights = moves.weights * [name in _NEARBY for name in MOVES]
     chain = SceneChain(problem, moves._replace(weights=weights), state)
-    best = chain(state).at(1.0), state
+    best = chain(state).at(POSTERIOR), state
     for _ in range(_RECORDS):
-        there = chain.advance(rng, _BETA, _STEPS // _RECORDS)[0].state
-        best = max(best, (chain(there).at(1.0), there), key=lambda found: found[0])
+        there = chain.advance(rng, Rung(_BETA), _STEPS // _RECORDS)[0].state
+        best = max(best, (chain(there).at(POSTERIOR), there), key=lambda found: found[0])
     return best[1]
 
 

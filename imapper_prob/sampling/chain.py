@@ -17,7 +17,14 @@ from imapper_prob.samplers.chains import Report
 from imapper_prob.samplers.checkpoint import Checkpointer, CheckpointError
 from imapper_prob.samplers.ladder import LadderSummary, SwapTable, best_rungs, power_ladder
 from imapper_prob.samplers.reversible_jump import AcceptanceTable, ChainState
-from imapper_prob.samplers.tempering import LogDensityParts, TemperingState, start, temper, thinned
+from imapper_prob.samplers.tempering import (
+    POSTERIOR,
+    LogDensityParts,
+    TemperingState,
+    start,
+    temper,
+    thinned,
+)
 from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.ascent import climb
 from imapper_prob.sampling.checkpoints import ChainProgress
@@ -262,7 +269,7 @@ def _walk(learnt: TemperedProblem, first: State, rng: np.random.Generator, steps
     visits, apart = Visits(), max(1, steps // _WALKED)
     visits.note(first)
     for _ in range(steps // apart):
-        visits.note(chain.advance(rng, 1.0, apart)[0].state)
+        visits.note(chain.advance(rng, POSTERIOR, apart)[0].state)
     return visits
 
 
@@ -495,8 +502,8 @@ def _anew(position: TemperingState[State], learnt: TemperedProblem) -> Tempering
     parts = [learnt.target(chain.state) for chain in position.chains]
     return position._replace(
         chains=tuple(
-            ChainState(chain.state, part.at(beta))
-            for chain, part, beta in zip(position.chains, parts, position.betas, strict=True)
+            ChainState(chain.state, part.at(rung))
+            for chain, part, rung in zip(position.chains, parts, position.rungs, strict=True)
         ),
         log_likelihoods=tuple(part.log_likelihood for part in parts),
     )

@@ -148,6 +148,9 @@ class ChainProgress:
             {
                 "rngs": [pack_rng(rng) for rng in self.rngs],
                 "betas": position.betas,
+                "tilts": position.tilts,
+                "counts": position.counts,
+                "mean_counts": position.mean_counts,
                 "log_densities": [chain.log_density for chain in position.chains],
                 "log_likelihoods": position.log_likelihoods,
                 "replicas": position.replicas,
@@ -185,6 +188,9 @@ class ChainProgress:
                     )
                 ),
                 log_likelihoods=tuple(values["log_likelihoods"]),
+                tilts=tuple(map(tuple, values["tilts"])),
+                counts=tuple(map(tuple, values["counts"])),
+                mean_counts=(tuple(values["mean_counts"][0]), tuple(values["mean_counts"][-1])),
                 replicas=tuple(values["replicas"]),
                 rounds=values["rounds"],
             ),
@@ -216,11 +222,15 @@ class ChainProgress:
         if not _is_count(now):
             raise InputError("rounds are of no chain of this run")
         numbers = [chain.log_density for chain in position.chains]
+        by_kind = (*position.tilts, *position.counts, *position.mean_counts)
+        numbers += [x for of_rung in by_kind for x in of_rung]
         numbers += [*position.log_likelihoods, *self.values, *self.trace, *table.swaps]
         numbers += [self.barrier, *([] if self.best is None else [self.best.log_density])]
         for what, holds in {
             "generators": len(self.rngs) == rungs + 1,
             "rungs": len(position.chains) == len(position.log_likelihoods) == rungs
+            and len(position.tilts) == len(position.counts) == rungs
+            and len(position.mean_counts) == 2 and len({*map(len, by_kind)}) == 1
             and min(2, settings.temperatures) <= rungs <= settings.temperatures,
             "replicas": sorted(position.replicas) == list(range(rungs)),
             "temperatures": all(_ascends(betas, rungs) for betas in (position.betas, table.betas)),

@@ -25,6 +25,7 @@ from imapper_prob.models.statement_rows import log_by_chance, tell
 from imapper_prob.models.statements import Statement, describe
 from imapper_prob.progress import Progress
 from imapper_prob.samplers.reweighting import Reweighted, anneal, families_of, resample
+from imapper_prob.samplers.tempering import POSTERIOR
 from imapper_prob.samplers.verdict import Verdict
 from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.chain import Setup, tempered
@@ -347,4 +348,4 @@ class _Advance:
     def __call__(self, rng: np.random.Generator, state: State, power: float) -> State:
         powers = np.where(self._fresh > 0, power, 1.0)
         chain = SceneChain(self._problem._replace(given_power=powers), self._moves, state)
-        return chain.advance(rng, 1.0, _STEPS)[0].state
+        return chain.advance(rng, POSTERIOR, _STEPS)[0].state

@@ -27,7 +27,7 @@ from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.published_energy import evaluate_paper
 from imapper_prob.samplers.reversible_jump import ChainState, StepInfo
-from imapper_prob.samplers.tempering import LogDensityParts
+from imapper_prob.samplers.tempering import PRIOR, LogDensityParts, Rung
 from imapper_prob.sampling import camera_moves, moves, redraws
 from imapper_prob.sampling.image_pelvis import middle_heights
 from imapper_prob.sampling.jit import compiled, inner
@@ -284,6 +284,16 @@ def _log_published(
     return float(terms.sum())
 
 
+@inner
+def _log_tilt(kinds: Ints, tilts: Array, items: Ints) -> float:
+    """Sum of the tilts of the kinds of scenelets; 0 without tilts."""
+    tilt = 0.0
+    if len(tilts):
+        for i in range(len(items)):
+            tilt += tilts[kinds[items[i, 0]]]
+    return tilt
+
+
 @compiled
 def _log_density_parts(
     shared_moves: SharedMoves,
@@ -293,12 +303,13 @@ def _log_density_parts(
     now: StateArrays,
     new: StateArrays,
     beta: float,
+    tilts: Array,
     least: float,
 ) -> tuple[float, float]:
     """Log density of the reference, and log ratio of posterior to reference, of a scene.
 
     Both are evaluated as a change from the evaluator's scene ``now``. The first is -inf outside the
-    support, and may be if the log density at an inverse temperature is below ``least``.
+    support, and may be if the log density on a rung is below ``least``.
     """
     prior = -math.inf
     if published is not None:
@@ -317,7 +328,8 @@ def _log_density_parts(
         if published is None:
             wanted = EVERYTHING
             if beta > 0.0 and prior > -math.inf:
-                wanted = prior - density + (least - prior) / beta
+                tilt = _log_tilt(shared_moves.moves.reference.kinds, tilts, new.items)
+                wanted = prior - density + (least - prior - tilt) / beta
             density += weigh_placed(evaluator, n_before, new.camera, new.items, wanted)
     if density == -math.inf or prior == -math.inf:
         return -math.inf, 0.0
@@ -332,6 +344,7 @@ def _advance(
     capacity: int,
     rng: np.random.Generator,
     beta: float,
+    tilts: Array,
     scene: StateArrays,
     log_prior: float,
     log_likelihood: float,
@@ -380,6 +393,8 @@ def _advance(
                 move_data.reference, new.camera, new.items, new.placements, new.sizes
             )  # fmt: skip
             of_reference = prior - log_prior + ratio
+            of_reference += _log_tilt(move_data.reference.kinds, tilts, new.items)
+            of_reference -= _log_tilt(move_data.reference.kinds, tilts, scene.items)
             if published is None:
                 least = EVERYTHING
                 if beta > 0.0:
@@ -419,14 +434,22 @@ def parts_of(problem: Problem, reference: Reference, state: State) -> LogDensity
     return _in_parts(reference, log_posterior(problem, state), state)
 
 
+def _counts(reference: Reference, items: Ints) -> tuple[float, ...]:
+    """Number of scenelets with each kind of furniture, after a 0."""
+    kinds = reference.kinds[items[:, 0]]
+    counts = np.bincount(kinds, minlength=reference.fitting_kinds.shape[1])
+    return tuple(counts.astype(np.float64).tolist())
+
+
 def _in_parts(reference: Reference, log_density: float, state: State) -> LogDensityParts:
     if log_density == -math.inf:
-        return LogDensityParts(-math.inf, 0.0)
+        return LogDensityParts(-math.inf, 0.0, _counts(reference, state.items))
     scene = arrays_of(state)
     log_prior = float(
         log_reference(reference, scene.camera, scene.items, scene.placements, scene.sizes)
     )
-    return LogDensityParts(log_prior, log_density - log_prior if log_prior > -math.inf else 0.0)
+    log_ratio = log_density - log_prior if log_prior > -math.inf else 0.0
+    return LogDensityParts(log_prior, log_ratio, _counts(reference, state.items))
 
 
 class SceneChain:
@@ -445,7 +468,8 @@ class SceneChain:
     """
 
     def __init__(self, problem: Problem, moves: Moves, state: State) -> None:
-        self._problem, self._shared_moves = problem, share_moves(moves)
+        self._problem, self._reference = problem, moves.reference
+        self._shared_moves = share_moves(moves)
         self._published = problem.paper_nats if problem.of_paper else None
         self._state = self._last = state
         self._scene = self._last_scene = arrays_of(state)
@@ -455,15 +479,16 @@ class SceneChain:
         self._restart()
 
     def __call__(
-        self, state: State, beta: float = 0.0, least: float = -math.inf
+        self, state: State, rung: Rung = PRIOR, least: float = -math.inf
     ) -> LogDensityParts:
         """Evaluate ``state`` without moving the chain.
 
         Parameters
         ----------
         state : State
-        beta, least : float
-            The result may be -inf if the log density at this inverse temperature is less.
+        rung : Rung
+        least : float
+            The result may be -inf if the log density on this rung is less.
 
         Returns
         -------
@@ -473,7 +498,7 @@ class SceneChain:
             return self._parts
         self._last, self._last_scene = state, arrays_of(state)
         self._last_parts = self._log_density_parts(
-            self._last_scene, len(self._scene.items), beta, least
+            self._last_scene, len(self._scene.items), rung, least
         )
         return self._last_parts
 
@@ -492,14 +517,14 @@ class SceneChain:
         self._accept()
 
     def advance(
-        self, rng: np.random.Generator, beta: float, steps: int
+        self, rng: np.random.Generator, rung: Rung, steps: int
     ) -> tuple[ChainState[State], tuple[StepInfo, ...]]:
-        """Make steps at an inverse temperature.
+        """Make steps on a rung.
 
         Parameters
         ----------
         rng : numpy.random.Generator
-        beta : float
+        rung : Rung
         steps : int
 
         Returns
@@ -516,7 +541,8 @@ class SceneChain:
         chosen, log_acceptance = np.empty(steps, np.int64), np.empty(steps)
         accepted = np.empty(steps, np.bool_)
         scene, log_prior, log_likelihood, self._evaluator, self._capacity, fault = _advance(
-            self._shared_moves, self._evaluator, self._published, self._capacity, rng, beta,
+            self._shared_moves, self._evaluator, self._published, self._capacity, rng,
+            rung.beta, np.array(rung.tilts),
             self._scene, self._parts.log_prior, self._parts.log_likelihood,
             chosen, log_acceptance, accepted,
         )  # fmt: skip
@@ -526,15 +552,17 @@ class SceneChain:
             )
         if accepted.any():
             self._scene, self._state = scene, state_of(scene)
-            self._parts = LogDensityParts(log_prior, log_likelihood)
+            self._parts = LogDensityParts(
+                log_prior, log_likelihood, _counts(self._reference, scene.items)
+            )
         self._last, self._last_parts = self._state, self._parts
         steps_made = zip(chosen.tolist(), accepted.tolist(), log_acceptance.tolist(), strict=True)
-        return ChainState(self._state, self._parts.at(beta)), tuple(
+        return ChainState(self._state, self._parts.at(rung)), tuple(
             StepInfo(_NAMES[move], taken, log_a) for move, taken, log_a in steps_made
         )
 
     def _log_density_parts(
-        self, scene: StateArrays, n_before: int, beta: float, least: float
+        self, scene: StateArrays, n_before: int, rung: Rung, least: float
     ) -> LogDensityParts:
         """Evaluate a scene as a change from the evaluator's scene with ``n_before`` scenelets."""
         if len(scene.items) > self._capacity:
@@ -544,13 +572,14 @@ class SceneChain:
         return LogDensityParts(
             *_log_density_parts(
                 self._shared_moves, self._evaluator, self._published, n_before, self._scene, scene,
-                beta, least,
-            )
+                rung.beta, np.array(rung.tilts), least,
+            ),
+            _counts(self._reference, scene.items),
         )  # fmt: skip
 
     def _restart(self) -> None:
         """Initialise a new evaluator at the chain's state."""
-        self._parts = self._last_parts = self._log_density_parts(self._scene, -1, 0.0, -math.inf)
+        self._parts = self._last_parts = self._log_density_parts(self._scene, -1, PRIOR, -math.inf)
         self._accept()
 
     def _accept(self) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate import quad
 
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal
-from imapper_prob.samplers.tempering import LogDensityParts
+from imapper_prob.samplers.tempering import POSTERIOR, LogDensityParts
 
 State = tuple[int, float]
 
@@ -52,7 +52,7 @@ def masses() -> np.ndarray:
     """(6,) evidence of each island, by quadrature."""
 
     def density(x: float, label: int) -> float:
-        return math.exp(target((label, x)).at(1.0))
+        return math.exp(target((label, x)).at(POSTERIOR))
 
     return np.array(
         [

@@ -53,6 +53,9 @@ def pack_position(position: TemperingState) -> dict[str, np.ndarray]:
 def position_values(position: TemperingState) -> dict[str, object]:
     return {
         "betas": position.betas,
+        "tilts": position.tilts,
+        "counts": position.counts,
+        "mean_counts": position.mean_counts,
         "log_densities": [chain.log_density for chain in position.chains],
         "log_likelihoods": position.log_likelihoods,
         "replicas": position.replicas,
@@ -65,6 +68,9 @@ def unpack_position(snapshot: Snapshot) -> TemperingState:
     states = [unpack_state(item) for item in unpack("rungs", snapshot.arrays)]
     return TemperingState(
         betas=tuple(values["betas"]),
+        tilts=tuple(map(tuple, values["tilts"])),
+        counts=tuple(map(tuple, values["counts"])),
+        mean_counts=tuple(map(tuple, values["mean_counts"])),
         chains=tuple(map(ChainState, states, values["log_densities"])),
         log_likelihoods=tuple(values["log_likelihoods"]),
         replicas=tuple(values["replicas"]),

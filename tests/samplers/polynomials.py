@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal
-from imapper_prob.samplers.tempering import LogDensityParts
+from imapper_prob.samplers.tempering import POSTERIOR, LogDensityParts, Rung
 
 K_MAX, NOISE, PRIOR = 3, 0.5, 1.5
 X = np.linspace(-1, 1, 12)
@@ -22,21 +22,22 @@ ROOT_TWO_PI = math.sqrt(2 * math.pi)
 PULL, BORN_SCALE = 0.8, 0.7
 
 
-def log_evidences() -> np.ndarray:
-    """(K_MAX,) log p(y | k)."""
+def log_evidences(beta: float = 1.0) -> np.ndarray:
+    """(K_MAX,) log p(y | k), the likelihood to the power beta; else up to a constant."""
     return np.array(
         [
             stats.multivariate_normal(
-                cov=NOISE**2 * np.eye(len(X)) + PRIOR**2 * DESIGN[:, :k] @ DESIGN[:, :k].T
+                cov=NOISE**2 / beta * np.eye(len(X)) + PRIOR**2 * DESIGN[:, :k] @ DESIGN[:, :k].T
             ).logpdf(Y)
             for k in range(1, K_MAX + 1)
         ]
     )
 
 
-def exact() -> np.ndarray:
-    """P(k | y), all k equally probable a priori."""
-    weights = np.exp(log_evidences() - log_evidences().max())
+def exact(rung: Rung = POSTERIOR) -> np.ndarray:
+    """P(k | y) on a rung, all k equally probable a priori."""
+    log_weights = log_evidences(rung.beta) + sum(rung.tilts) * np.arange(1, K_MAX + 1)
+    weights = np.exp(log_weights - log_weights.max())
     return weights / weights.sum()
 
 
@@ -45,11 +46,11 @@ def target(theta: np.ndarray, y: np.ndarray = Y) -> LogDensityParts:
     residual = (y - DESIGN[:, : len(theta)] @ theta) / NOISE
     prior = -0.5 * theta @ theta / PRIOR**2 - len(theta) * math.log(PRIOR * ROOT_TWO_PI)
     likelihood = -0.5 * residual @ residual - len(X) * math.log(NOISE * ROOT_TWO_PI)
-    return LogDensityParts(float(prior), float(likelihood))
+    return LogDensityParts(float(prior), float(likelihood), (float(len(theta)),))
 
 
 def log_density(theta: np.ndarray, y: np.ndarray = Y) -> float:
-    return target(theta, y).at(1.0)
+    return target(theta, y).at(POSTERIOR)
 
 
 def draw_prior(rng: np.random.Generator) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, StepInfo, step
-from imapper_prob.samplers.tempering import KernelChain, LogDensityParts, start, temper
+from imapper_prob.samplers.tempering import POSTERIOR, KernelChain, LogDensityParts, start, temper
 from tests.samplers.frequencies import chi_square
 
 PASS, FAIL = 1e-3, 1e-6
@@ -25,7 +25,7 @@ def target(bits: tuple[int, ...]) -> LogDensityParts:
     return LogDensityParts(0.3 * sum(bits), float(FIELDS @ bits) + COUPLING * (bits[0] == bits[2]))
 
 
-EXACT = np.exp([target(bits).at(1.0) for bits in CELLS])
+EXACT = np.exp([target(bits).at(POSTERIOR) for bits in CELLS])
 EXACT /= EXACT.sum()
 
 

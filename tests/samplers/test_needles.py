@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from imapper_prob.samplers.reversible_jump import sample, step
-from imapper_prob.samplers.tempering import KernelChain, start, temper
+from imapper_prob.samplers.tempering import POSTERIOR, KernelChain, start, temper
 from tests.samplers import needles
 from tests.samplers.frequencies import chi_square
 from tests.samplers.rounds import RoundTripError, check_rounds
@@ -40,7 +40,7 @@ def draws(mixture, kappa: float, *, n: int = 20_000) -> list[np.ndarray]:
     chain = sample(
         np.random.default_rng(7),
         needles.EMPTY,
-        log_density_fn=lambda state: needles.target(state, kappa).at(1.0),
+        log_density_fn=lambda state: needles.target(state, kappa).at(POSTERIOR),
         mixture=mixture,
     )
     return [at.state for at, _ in islice(chain, n)]
@@ -85,7 +85,9 @@ def test_the_ends_of_a_ladder_are_prior_and_posterior():
 def test_every_ratio_is_that_of_both_directions(k, seed):
     rng = np.random.default_rng(seed)
     first = np.stack([rng.random(k), rng.uniform(-3, 3, k)], axis=1)
-    check_rounds(rng, first, lambda state: needles.target(state).at(1.0), needles.mixture(), n=8)
+    check_rounds(
+        rng, first, lambda state: needles.target(state).at(POSTERIOR), needles.mixture(), n=8
+    )
 
 
 @pytest.mark.parametrize(
@@ -93,4 +95,6 @@ def test_every_ratio_is_that_of_both_directions(k, seed):
 )
 def test_check_finds_the_wrong_ratio(rng, wrong):
     with pytest.raises(RoundTripError):
-        check_rounds(rng, needles.EMPTY, lambda state: needles.target(state).at(1.0), wrong, n=100)
+        check_rounds(
+            rng, needles.EMPTY, lambda state: needles.target(state).at(POSTERIOR), wrong, n=100
+        )

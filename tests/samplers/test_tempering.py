@@ -13,14 +13,18 @@ from imapper_prob.samplers import tempering
 from imapper_prob.samplers.ladder import SwapTable, best_rungs, power_ladder
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, StepInfo, sample, step
 from imapper_prob.samplers.tempering import (
+    POSTERIOR,
+    PRIOR,
     KernelChain,
     LogDensityParts,
+    Rung,
     TemperedDensity,
+    TemperingState,
     start,
     temper,
     thinned,
 )
-from tests.samplers import islands
+from tests.samplers import islands, polynomials
 from tests.samplers.frequencies import chi_square
 from tests.samplers.rounds import check_rounds
 
@@ -50,7 +54,7 @@ def test_a_cold_chain_stays_on_the_island_it_started_on(rng):
     chain = sample(
         rng,
         islands.START,
-        log_density_fn=TemperedDensity(islands.target, 1.0),
+        log_density_fn=TemperedDensity(islands.target, POSTERIOR),
         mixture=islands.MIXTURE,
     )
     visited = {islands.cell(at.state) for at, _ in islice(chain, 50_000)}
@@ -58,7 +62,7 @@ def test_a_cold_chain_stays_on_the_island_it_started_on(rng):
 
 
 def test_every_ratio_is_that_of_both_directions(rng):
-    hot = TemperedDensity(islands.target, 0.01)
+    hot = TemperedDensity(islands.target, Rung(0.01))
     table = check_rounds(rng, islands.START, hot, islands.MIXTURE, n=500)
     assert all(rate > 0.1 for rate in table.rates().values())
 
@@ -141,7 +145,7 @@ def gaussian(x: np.ndarray) -> LogDensityParts:
 
 def exact_step(rng, chain_state, *, log_density_fn):
     """An independent draw: no move could mix better, so that swap rates are the known ones."""
-    x = rng.standard_normal(D) / math.sqrt(1 + log_density_fn.beta * SHARPNESS)
+    x = rng.standard_normal(D) / math.sqrt(1 + log_density_fn.rung.beta * SHARPNESS)
     return chain_state._replace(state=x), StepInfo("draw", True, 0.0)
 
 
@@ -186,7 +190,7 @@ def test_a_ladder_with_fewer_rungs_swaps_about_evenly():
     for chain, beta, value in zip(fewer.chains, fewer.betas, fewer.log_likelihoods, strict=True):
         parts = gaussian(chain.state)
         assert value == parts.log_likelihood
-        assert chain.log_density == pytest.approx(parts.at(beta))
+        assert chain.log_density == pytest.approx(parts.at(Rung(beta)))
     assert fewer.chains[0].state is position.chains[0].state
     assert fewer.chains[-1].state is position.chains[-1].state
     assert thinned(position, 9).betas == pytest.approx(position.betas)
@@ -229,6 +233,62 @@ def test_counted_swap_rates_are_the_known_ones():
     assert abs(summary.round_trips - expected) < 4 * math.sqrt(expected)
 
 
+TILTS = ((0.0,), (1.5,), (-1.0,), (0.0,))
+
+
+def sizes_of(position, *, rounds: int, **options) -> tuple[np.ndarray, TemperingState]:
+    """(rounds, K) number of coefficients on each rung, and the last position."""
+    rngs = np.random.default_rng(6).spawn(len(position.betas) + 1)
+    kernel = partial(step, mixture=polynomials.mixture())
+    chain_at = partial(KernelChain, polynomials.target, kernel)
+    chain = temper(rngs, position, chain_at=chain_at, steps_per_swap=4, **options)
+    items = list(islice(chain, rounds))
+    return np.array([item.state.counts for item in items], int)[:, :, 0], items[-1].state
+
+
+def polynomial_ladder(target=polynomials.target) -> TemperingState:
+    first = polynomials.draw_prior(np.random.default_rng(0))
+    return start([first] * len(TILTS), target=target, betas=power_ladder(len(TILTS)))
+
+
+def least_probable(sizes, rungs) -> float:
+    """p value of the rung above the prior whose sizes fit worst."""
+    tested = zip(sizes.T[1:], rungs[1:], strict=True)
+    return min(chi_square(k - 1, polynomials.exact(rung)) for k, rung in tested)
+
+
+def test_tilted_rungs_sample_their_own_distributions():
+    sizes, last = sizes_of(polynomial_ladder()._replace(tilts=TILTS), rounds=6_000)
+    assert last.tilts == TILTS
+    assert least_probable(sizes, last.rungs) > PASS / len(TILTS)
+
+
+def without_tilts(hot, cold):
+    """Forgets that tilts differ."""
+    return (cold[1].beta - hot[1].beta) * (hot[0].log_likelihood - cold[0].log_likelihood)
+
+
+def test_the_same_test_fails_swaps_without_tilts(monkeypatch):
+    monkeypatch.setattr(tempering, "_log_swap_ratio", without_tilts)
+    sizes, last = sizes_of(polynomial_ladder()._replace(tilts=TILTS), rounds=6_000)
+    assert least_probable(sizes, last.rungs) < FAIL
+
+
+def test_tilts_adapt_until_every_rung_has_its_mean_size():
+    n = 20_000
+    _, last = sizes_of(polynomial_ladder(), rounds=n, adapt=True)
+    numbers = np.arange(1, polynomials.K_MAX + 1)
+    ends = numbers.mean(), polynomials.exact() @ numbers
+    assert last.tilts[0] == last.tilts[-1] == (0.0,)
+    assert np.ravel(last.mean_counts) == pytest.approx(ends, abs=0.2)
+    for rung in last.rungs[1:-1]:
+        aim = ends[0] + rung.beta * (ends[1] - ends[0])
+        untilted = polynomials.exact(Rung(rung.beta)) @ numbers
+        # A stochastic approximation with gain g scatters by sqrt(g / 2 times the correlation time).
+        error = np.var(numbers) * math.sqrt(4 * n**-0.6 / 2)
+        assert abs(polynomials.exact(rung) @ numbers - aim) < 3 * error < abs(untilted - aim)
+
+
 def test_every_rung_samples_its_own_distribution():
     rngs, position = adapted(4, seed=3, rounds=50)
     chain = temper(
@@ -262,8 +322,8 @@ class Follower(KernelChain):
         super().__init__(islands.target, KERNEL, state)
         self.at = state
 
-    def advance(self, rng, beta, steps):
-        chain, infos = super().advance(rng, beta, steps)
+    def advance(self, rng, rung, steps):
+        chain, infos = super().advance(rng, rung, steps)
         self.at = chain.state
         return chain, infos
 
@@ -298,7 +358,7 @@ def test_what_a_position_says_is_so():
             position.chains, position.betas, position.log_likelihoods, strict=True
         ):
             parts = islands.target(chain.state)
-            assert chain.log_density == parts.at(beta)
+            assert chain.log_density == parts.at(Rung(beta))
             assert likelihood == parts.log_likelihood
 
 
@@ -366,9 +426,9 @@ class Jump:
 
 
 def test_outside_the_prior_the_likelihood_means_nothing():
-    assert LogDensityParts(-math.inf, math.nan).at(0.5) == -math.inf
-    assert LogDensityParts(-1.0, -math.inf).at(0.0) == -1.0
-    assert LogDensityParts(-1.0, -4.0).at(0.5) == -3.0
+    assert LogDensityParts(-math.inf, math.nan).at(Rung(0.5)) == -math.inf
+    assert LogDensityParts(-1.0, -math.inf).at(PRIOR) == -1.0
+    assert LogDensityParts(-1.0, -4.0).at(Rung(0.5)) == -3.0
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 from imapper_prob.models.log_posterior import State, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
+from imapper_prob.samplers.tempering import POSTERIOR
 from imapper_prob.sampling import ensembles
 from imapper_prob.sampling.ensembles import QUANTITIES, describe_refinement, refine_draws
 from imapper_prob.sampling.steps import SceneChain
@@ -33,9 +34,9 @@ def drawn(problem: Problem) -> tuple[list[State], np.ndarray]:
     for chain in range(CHAINS):
         rng = np.random.default_rng(chain)
         scene_chain = SceneChain(problem, moves, scenes.random_state(problem, chain))
-        scene_chain.advance(rng, 1.0, 4_000)
+        scene_chain.advance(rng, POSTERIOR, 4_000)
         for _ in range(DRAWS):
-            states.append(scene_chain.advance(rng, 1.0, 400)[0].state)
+            states.append(scene_chain.advance(rng, POSTERIOR, 400)[0].state)
     values = np.array([log_posterior(problem, state) for state in states])
     return states, values.reshape(CHAINS, DRAWS)
 

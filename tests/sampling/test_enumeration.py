@@ -16,6 +16,7 @@ from scipy.stats import norm
 from imapper_prob.models.log_posterior import empty_state, log_posterior
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
+from imapper_prob.samplers.tempering import POSTERIOR
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.reference import Reference
 from imapper_prob.sampling.steps import MOVES, SceneChain, scene_moves
@@ -87,7 +88,7 @@ def test_every_assignment_has_its_exact_probability() -> None:
     # Some have a probability of .003: enough visits to each that their spread is known.
     visited = []
     for _ in range(300_000):
-        items = chain.advance(rng, 1.0, 2)[0].state.items
+        items = chain.advance(rng, POSTERIOR, 2)[0].state.items
         visited.append(0 if len(items) == 0 else 1 + 3 * int(items[0, 0]) + int(items[0, 1]))
     for which, probability in enumerate(exact()):
         hit = (np.array(visited[1000:]) == which).astype(float)

@@ -14,6 +14,7 @@ from imapper_prob.models.log_posterior import State, empty_state, log_posterior,
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.samplers.reversible_jump import Mixture, sample
+from imapper_prob.samplers.tempering import POSTERIOR
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.steps import SceneChain
 from imapper_prob.sampling.visits import Visits
@@ -59,8 +60,8 @@ def prior_draws(request: pytest.FixtureRequest) -> list[State]:
         reference=learn(problem, random_gains(problem), similarity(), visits)
     )
     chain = SceneChain(problem, moves, empty_state(problem))
-    chain.advance(rng, 1.0, 1000)
-    return [chain.advance(rng, 1.0, 5)[0].state for _ in range(request.param // 5)]
+    chain.advance(rng, POSTERIOR, 1000)
+    return [chain.advance(rng, POSTERIOR, 5)[0].state for _ in range(request.param // 5)]
 
 
 def test_prior_of_the_number_of_scenelets_comes_back(prior_draws: list[State]) -> None:

@@ -92,7 +92,7 @@ def test_default_blocks() -> None:
     while len(ends) < 14:
         ends.append(block_end(sample, ends[-1]))
     steps = [5 * end for end in ends]
-    assert steps[:5] == [95_000, 130_000, 165_000, 200_000, 235_000]
+    assert steps[:5] == [76_000, 104_000, 132_000, 160_000, 188_000]
     kept = [draws_of(sample).kept(end) for end in ends]
     assert kept[3] == 800
     assert max(kept) <= 1600
