@@ -406,6 +406,7 @@ def temper(
     chain_at: Callable[[S], RungChain[S]],
     steps_per_swap: int,
     adapt: bool = False,
+    adapt_tilts: bool = False,
     crossover: Crossover[S] | None = None,
     independent: Callable[[np.random.Generator], S] | None = None,
 ) -> Iterator[TemperingInfo[S]]:
@@ -423,9 +424,12 @@ def temper(
     steps_per_swap : int
         Proposals on each rung between two rounds of swaps.
     adapt : bool
-        Adapt the inverse temperatures towards equal swap rates, and the tilts towards mean counts
-        between those of both ends. An adapting chain does not leave its target invariant: adapt
-        during burn-in, then continue from the last state without adaptation.
+        Adapt the inverse temperatures towards equal swap rates. An adapting chain does not leave
+        its target invariant: adapt during burn-in, then continue from the last state without
+        adaptation.
+    adapt_tilts : bool
+        Adapt the tilts, too, towards mean counts between those of both ends. Their noise decreases
+        with the number of rounds.
     crossover : Crossover, optional
         Exchanges parts of states across every second gap, before the swaps.
     independent : callable, optional
@@ -450,7 +454,9 @@ def temper(
     if steps_per_swap < 1:
         raise ValueError(f"steps_per_swap must be at least 1, not {steps_per_swap}")
     rung_chains = [chain_at(chain.state) for chain in state.chains]
-    return _rounds(rngs, state, rung_chains, steps_per_swap, adapt, crossover, independent)
+    return _rounds(
+        rngs, state, rung_chains, steps_per_swap, adapt, adapt_tilts, crossover, independent
+    )
 
 
 class KernelChain(Generic[S]):
@@ -516,6 +522,7 @@ def _rounds(
     rung_chains: list[RungChain[S]],
     steps_per_swap: int,
     adapt: bool,
+    adapt_tilts: bool,
     crossover: Crossover[S] | None,
     independent: Callable[[np.random.Generator], S] | None,
 ) -> Iterator[TemperingInfo[S]]:
@@ -553,9 +560,10 @@ def _rounds(
         rung_chains = [rung_chains[i] for i in order]
         parts, betas, tilts = [parts[i] for i in order], state.betas, state.tilts
         counts, mean_counts = tuple(part.counts for part in parts), state.mean_counts
+        gain = (state.rounds + 1) ** -_ADAPTATION_DECAY
         if adapt:
-            gain = (state.rounds + 1) ** -_ADAPTATION_DECAY
             betas = respaced(betas, acceptance, gain=gain)
+        if adapt_tilts:
             tilts, mean_counts = tilted(betas, tilts, counts, mean_counts, gain=gain)
         state = TemperingState(
             betas=betas,

@@ -92,6 +92,9 @@ _WALKS: Final = 0.25
 _CLIMBING: Final = 0.5
 """Largest number of evaluations of the ascent as a share of the chain's steps; chosen: short chains
 should remain short."""
+_TILTED_FROM: Final = 5000
+"""Least number of rounds of the burn-in with tilts; chosen: in fewer rounds they remain uncertain
+by a nat, and the demo has fewer effective draws with them."""
 
 
 @dataclass(frozen=True)
@@ -302,6 +305,7 @@ def _advance(
         chain_at=learnt.chain_at,
         steps_per_swap=settings.swap_every,
         adapt=adapt,
+        adapt_tilts=adapt and burn_in_of(settings) >= _TILTED_FROM,
         crossover=crossover,
         independent=learnt.independent,
     )

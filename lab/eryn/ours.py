@@ -120,6 +120,7 @@ def scene_chain(setup: Setup, first: State, seed: int) -> Iterator[State]:
             chain_at=learnt.chain_at,
             steps_per_swap=STEPS_PER_SWAP,
             adapt=rounds is not None,
+            adapt_tilts=rounds is not None,
             crossover=TimeCrossover(setup.problem),
             independent=partial(_still_scene, learnt),
         )

@@ -276,7 +276,7 @@ def test_the_same_test_fails_swaps_without_tilts(monkeypatch):
 
 def test_tilts_adapt_until_every_rung_has_its_mean_size():
     n = 20_000
-    _, last = sizes_of(polynomial_ladder(), rounds=n, adapt=True)
+    _, last = sizes_of(polynomial_ladder(), rounds=n, adapt=True, adapt_tilts=True)
     numbers = np.arange(1, polynomials.K_MAX + 1)
     ends = numbers.mean(), polynomials.exact() @ numbers
     assert last.tilts[0] == last.tilts[-1] == (0.0,)

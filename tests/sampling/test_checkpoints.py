@@ -21,7 +21,7 @@ from imapper_prob.models.scenelet import Library
 from imapper_prob.samplers.checkpoint import Checkpointer
 from imapper_prob.samplers.reversible_jump import ChainState
 from imapper_prob.samplers.tempering import LogDensityParts, start
-from imapper_prob.sampling import schedule
+from imapper_prob.sampling import chain, schedule
 from imapper_prob.sampling.chain import Chain, Setup, first_used, run_chain
 from imapper_prob.sampling.checkpoints import ChainProgress
 from imapper_prob.sampling.sample import sample_scenes, setup_of
@@ -35,9 +35,11 @@ SETTINGS = SampleSettings(
 
 
 @pytest.fixture(scope="module", autouse=True)
-def references_after_a_short_burn_in_too() -> Iterator[None]:
+def short_chains_learn_like_long_ones() -> Iterator[None]:
+    """References after the burn-in, and tilts."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(schedule, "_LATER_FROM", 0)
+        patch.setattr(chain, "_TILTED_FROM", 0)
         yield
 
 
@@ -99,6 +101,24 @@ def test_rounds_after_burn_in_are_counted_and_references_learnt_there(undisturbe
     assert first > 1
     kept = [visits.n_states > 0 for visits in undisturbed.progress.visits[:-1]]
     assert kept == [at == 0 or at >= first for at in range(len(marks))]
+
+
+def test_tilts_adapt_during_a_long_burn_in(setup: Setup, undisturbed: Chain) -> None:
+    first, *inner, last = undisturbed.progress.position.tilts
+    assert not any(first)
+    assert not any(last)
+    assert np.abs(inner).max() > 0.1
+    again = ChainProgress.of(undisturbed.progress.snapshot())
+    assert again.position.tilts == undisturbed.progress.position.tilts
+    assert again.position.mean_counts == undisturbed.progress.position.mean_counts
+    again.position = again.position._replace(tilts=again.position.tilts[1:])
+    with pytest.raises(InputError, match="rungs"):
+        again.check(setup.problem, SETTINGS)
+
+
+def test_a_short_burn_in_has_no_tilts(setup: Setup, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chain, "_TILTED_FROM", burn_in_of(SETTINGS) + 1)
+    assert not np.any(run(setup, None).progress.position.tilts)
 
 
 def test_visits_for_other_references_are_refused(setup: Setup, tmp_path: Path) -> None:
