@@ -103,8 +103,8 @@ def test_a_last_step_within_burn_in_is_refused() -> None:
     assert end_of(SampleSettings(last_step=60_001)) == 12_000 + 40
     assert end_of(SampleSettings(last_step=200_001)) == 40_000 + 40
     assert end_of(SampleSettings(last_step=199_999)) == 40_000
-    with pytest.raises(InputError, match="last_step = 60000 must be beyond the burn-in"):
-        SampleSettings(last_step=60_000)
+    with pytest.raises(InputError, match="last_step = 48000 must be beyond the burn-in"):
+        SampleSettings(last_step=48_000)
 
 
 def test_learning_is_as_often_as_said() -> None:
