@@ -108,7 +108,7 @@ def tilted(
     tilts : tuple of K tuples of M float
     mean_counts : tuple of 2 tuples of M float
     """
-    now, ends = np.asarray(counts, float), np.asarray(mean_counts, float)
+    now, ends = np.asarray(counts, float), np.array(mean_counts, float)
     ends += gain * (now[[0, -1]] - ends)
     share = np.asarray(betas)[1:-1, None]
     new = np.array(tilts, float)

@@ -300,13 +300,7 @@ class TemperingInfo(NamedTuple, Generic[S]):
     crossovers: tuple[StepInfo, ...] = ()
 
 
-def start(
-    states: Sequence[S],
-    *,
-    target: Target[S],
-    betas: Sequence[float],
-    tilts: Sequence[tuple[float, ...]] | None = None,
-) -> TemperingState[S]:
+def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> TemperingState[S]:
     """Place one state on each rung.
 
     Parameters
@@ -316,8 +310,6 @@ def start(
         ``target(state) -> LogDensityParts``.
     betas : sequence of K float
         Inverse temperatures, ascending from 0 or more to 1.
-    tilts : sequence of K tuples of float, optional
-        Factor of each kind's count in the log density of each rung; 0 if not given.
 
     Returns
     -------
@@ -339,15 +331,13 @@ def start(
         raise ValueError(f"{len(states)} states for {len(betas)} rungs")
     parts = [target(state) for state in states]
     counts = tuple(part.counts for part in parts)
-    if tilts is None:
-        tilts = [(0.0,) * len(count) for count in counts]
     chains = tuple(
-        init(TemperedDensity(target, Rung(beta, tilt)), state)
-        for state, beta, tilt in zip(states, betas, tilts, strict=True)
+        init(TemperedDensity(target, Rung(beta)), state)
+        for state, beta in zip(states, betas, strict=True)
     )
     return TemperingState(
         betas=betas,
-        tilts=tuple(tilts),
+        tilts=tuple((0.0,) * len(count) for count in counts),
         chains=chains,
         log_likelihoods=tuple(part.log_likelihood for part in parts),
         counts=counts,

@@ -281,7 +281,7 @@ def _with_best(done: ChainProgress, learnt: TemperedProblem, settings: SampleSet
     assert done.best is not None
     visits = done.visits[-1]
     walk = _walk(learnt, done.best.state, done.rngs[-1], int(_WALK * settings.steps))
-    again = max(1, round(_WALKS * visits.n_states / walk.n_states))
+    again = max(1, round(_WALKS * visits.n_states / max(1, walk.n_states)))
     return Visits.of(Visits.together([visits, *repeat(walk, again)]).arrays())
 
 

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -109,18 +109,16 @@ def scene_chain(setup: Setup, first: State, seed: int) -> Iterator[State]:
     """Every twentieth state, with the project's moves except that of the path."""
     rngs, betas = np.random.default_rng(seed).spawn(RUNGS + 1), power_ladder(RUNGS)
     states, visits = [first] * RUNGS, Visits()
-    tilts: Sequence[tuple[float, ...]] | None = None
     for state in setup.staged:
         visits.note(state)
     for rounds in (*LEARNT_AFTER, None):
         learnt = _without_path(tempered(setup, visits))
         chain = temper(
             rngs,
-            start(states, target=learnt.target, betas=betas, tilts=tilts),
+            start(states, target=learnt.target, betas=betas),
             chain_at=learnt.chain_at,
             steps_per_swap=STEPS_PER_SWAP,
             adapt=rounds is not None,
-            adapt_tilts=rounds is not None,
             crossover=TimeCrossover(setup.problem),
             independent=partial(_still_scene, learnt),
         )
@@ -132,7 +130,6 @@ def scene_chain(setup: Setup, first: State, seed: int) -> Iterator[State]:
             if number % (EVERY // STEPS_PER_SWAP) == 0:
                 yield at.state.chains[-1].state
         states, betas = [rung.state for rung in at.state.chains], at.state.betas
-        tilts = at.state.tilts
 
 
 def _without_path(learnt: TemperedProblem) -> TemperedProblem:

@@ -191,7 +191,7 @@ def test_questions_are_about_what_is_open() -> None:
     unsure = [c for c in run.clusters() if 0.03 < c.presence < 0.97]
     labels = [p for c in run.clusters() for p in c.labels.values() if 0.03 < p < 0.97]
     about = [q for q in asked if isinstance(q.open, im.Presence)]
-    assert len(about) == len(unsure) + len(labels) > len(labels)
+    assert len(about) == len(unsure) + len(labels) > len(labels) > 0
     for cluster in unsure:
         x, y = cluster.mean
         text = f"Is there a {' or '.join(cluster.labels)} at ({x:.1f}, {y:.1f}) m?"
