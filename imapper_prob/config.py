@@ -58,9 +58,9 @@ class SampleSettings:
     temperatures : int
         Largest number of tempered copies of each chain that swap their states. They reach from
         a learnt reference distribution of scenes, sampled independently, to the posterior; draws
-        are kept from the last copy only. 1 means no tempering. Late in the burn-in, copies in
-        excess of twice the communication barrier plus one are dropped (Syed et al. 2022). Barriers
-        of public scenes are about 2 to 5.
+        are kept from the last copy only. 1 means no tempering. A chain begins with eight at most.
+        Late in the burn-in their number becomes twice the communication barrier plus one, which is
+        best (Syed et al. 2022). Barriers of public scenes are about 2 to 5.
     swap_every : int
         Steps between two rounds of swaps; draws are kept after a round.
     burn_in : float
@@ -80,7 +80,7 @@ class SampleSettings:
 
     chains: int = 4
     steps: int = 160_000
-    temperatures: int = 8
+    temperatures: int = 12
     swap_every: int = 5
     burn_in: float = 0.3
     draws: int = 800

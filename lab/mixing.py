@@ -45,6 +45,8 @@ if TYPE_CHECKING:
 SCENES = ("Scene04", "Scene10", "Scene13", "Scene14")
 OPEN = (0.05, 0.95)
 """Range of fractions of layouts that are neither practically excluded nor certain."""
+TEMPERATURES = 8
+"""Number of temperatures with which chains begin."""
 REPEATS = 3
 """Number of timings of each number of workers."""
 
@@ -54,7 +56,7 @@ def settings_of(kind: str, steps: int) -> SampleSettings:
     usual = replace(with_steps(steps).sample, ensemble_steps=0)
     if kind == "tempered":
         return usual
-    return replace(usual, temperatures=1, steps=steps * usual.temperatures)
+    return replace(usual, temperatures=1, steps=steps * TEMPERATURES)
 
 
 def figures(samples: Samples) -> dict[str, Any]:

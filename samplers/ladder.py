@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 __all__ = [
-    "LadderSummary", "SwapTable", "best_rungs", "power_ladder", "respaced", "thinned_betas",
+    "LadderSummary", "SwapTable", "best_rungs", "power_ladder", "resized_betas", "respaced",
     "tilted",
 ]  # fmt: skip
 
@@ -117,18 +117,18 @@ def tilted(
     return tuple(map(tuple, new.tolist())), (tuple(first), tuple(last))
 
 
-def thinned_betas(betas: Sequence[float], rungs: int) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Fewer inverse temperatures between the same ends.
+def resized_betas(betas: Sequence[float], rungs: int) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Fewer or more inverse temperatures between the same ends.
 
     Between the new rungs are equal numbers of old gaps, in fractions, so that equal swap rates
-    remain about equal.
+    remain about equal. In the first gap rates change in proportion to the inverse temperature.
 
     Parameters
     ----------
     betas : sequence of K float
-        Ascending.
+        Ascending, at least two.
     rungs : int
-        From 2 to K.
+        At least 2.
 
     Returns
     -------
@@ -139,13 +139,14 @@ def thinned_betas(betas: Sequence[float], rungs: int) -> tuple[tuple[int, ...], 
     Raises
     ------
     ValueError
-        The number of rungs is out of range.
+        The number of rungs, old or new, is less than 2.
     """
     old = len(betas)
-    if not 2 <= rungs <= old:
+    if min(old, rungs) < 2:
         raise ValueError(f"a ladder of {old} rungs cannot have {rungs}")
     places = np.linspace(0, old - 1, rungs)
     inner = np.interp(places, np.arange(old), np.asarray(betas) ** _SCALE) ** (1 / _SCALE)
+    inner = np.where(places < 1, places * betas[1], inner)
     nearest = tuple(round(place) for place in places.tolist())
     return nearest, (betas[0], *inner[1:-1].tolist(), betas[-1])
 

@@ -43,7 +43,7 @@ from typing import Final, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from imapper_prob.samplers.ladder import respaced, thinned_betas, tilted
+from imapper_prob.samplers.ladder import resized_betas, respaced, tilted
 from imapper_prob.samplers.reversible_jump import ChainState, StepInfo, init
 
 __all__ = [
@@ -55,9 +55,9 @@ __all__ = [
     "TemperedDensity",
     "TemperingInfo",
     "TemperingState",
+    "resized",
     "start",
     "temper",
-    "thinned",
 ]
 
 
@@ -347,17 +347,17 @@ def start(states: Sequence[S], *, target: Target[S], betas: Sequence[float]) -> 
     )
 
 
-def thinned(state: TemperingState[S], rungs: int) -> TemperingState[S]:
-    """A ladder with fewer rungs between the same ends; the others are dropped.
+def resized(state: TemperingState[S], rungs: int) -> TemperingState[S]:
+    """A ladder with fewer or more rungs between the same ends.
 
-    Each rung keeps the state of the nearest old one, whose log density is that of the new inverse
+    Each rung has the state of the nearest old one, with the log density of the new inverse
     temperature.
 
     Parameters
     ----------
     state : TemperingState
     rungs : int
-        From 2 to the present number.
+        At least 2.
 
     Returns
     -------
@@ -366,9 +366,9 @@ def thinned(state: TemperingState[S], rungs: int) -> TemperingState[S]:
     Raises
     ------
     ValueError
-        The number of rungs is out of range.
+        The number of rungs, old or new, is less than 2.
     """
-    kept, betas = thinned_betas(state.betas, rungs)
+    nearest, betas = resized_betas(state.betas, rungs)
     by_kind = [np.interp(betas, state.betas, of_kind) for of_kind in zip(*state.tilts, strict=True)]
     tilts = tuple(zip(*by_kind, strict=True)) if by_kind else ((),) * rungs
     return state._replace(
@@ -381,10 +381,10 @@ def thinned(state: TemperingState[S], rungs: int) -> TemperingState[S]:
                 + Rung(beta, tilt).log_tilt(state.counts[k])
                 - state.rungs[k].log_tilt(state.counts[k])
             )
-            for k, beta, tilt in zip(kept, betas, tilts, strict=True)
+            for k, beta, tilt in zip(nearest, betas, tilts, strict=True)
         ),
-        log_likelihoods=tuple(state.log_likelihoods[k] for k in kept),
-        counts=tuple(state.counts[k] for k in kept),
+        log_likelihoods=tuple(state.log_likelihoods[k] for k in nearest),
+        counts=tuple(state.counts[k] for k in nearest),
         replicas=tuple(range(rungs)),
     )
 

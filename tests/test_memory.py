@@ -37,13 +37,13 @@ def test_a_clip_that_is_too_long_is_refused_before_the_work(
 def test_a_clip_that_does_not_fit_is_refused_before_the_work(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(memory, "memory_there", lambda: 3.5e9)
+    monkeypatch.setattr(memory, "memory_there", lambda: 4e9)
     write_clip(tmp_path / "clip.npz", long_clip(memory.MOST_FRAMES))
     arguments = ["run", str(tmp_path / "clip.npz"), "-o", str(tmp_path / "out")]
     assert main(arguments) == 2
     said = capsys.readouterr().err
     assert "2000 frames of 1 need about" in said
-    assert "3.5 GB are there; take parts of up to" in said
+    assert "4.0 GB are there; take parts of up to" in said
     assert not (tmp_path / "out").exists()
     last = int(said.split("--frames 0:")[1].split(",")[0])
     part = load_clip(tmp_path / "clip.npz", frames=(0, last))
@@ -91,7 +91,7 @@ def test_frames_of_all_people_count(monkeypatch: pytest.MonkeyPatch) -> None:
         memory.require_feasible(both, load_library())
 
 
-@pytest.mark.parametrize(("n_frames", "gigabytes"), [(400, "2.0"), (2_000, "4.9")])
+@pytest.mark.parametrize(("n_frames", "gigabytes"), [(400, "2.1"), (2_000, "5.7")])
 def test_what_the_pages_say_of_long_clips_is_what_is_asked_for(
     monkeypatch: pytest.MonkeyPatch, n_frames: int, gigabytes: str
 ) -> None:

@@ -21,9 +21,9 @@ from imapper_prob.samplers.tempering import (
     POSTERIOR,
     LogDensityParts,
     TemperingState,
+    resized,
     start,
     temper,
-    thinned,
 )
 from imapper_prob.sampling.actors import JointProblem
 from imapper_prob.sampling.ascent import climb
@@ -92,6 +92,9 @@ _WALKS: Final = 0.25
 _CLIMBING: Final = 0.5
 """Largest number of evaluations of the ascent as a share of the chain's steps; chosen: short chains
 should remain short."""
+_AT_FIRST: Final = 8
+"""Largest number of temperatures before their number is known; chosen: as many as the barriers of
+most public scenes ask for."""
 _TILTED_FROM: Final = 5000
 """Least number of rounds of the burn-in with tilts; chosen: in fewer rounds they remain uncertain
 by a nat, and the demo has fewer effective draws with them."""
@@ -220,7 +223,8 @@ def run_chain(
             learnt = _of_noted(setup, done.visits[:-1])
         if now in learning.ends:
             if now and now == learning.last_of_burn_in:
-                _thin_ladder(done, setup.temperatures or temperatures_of(settings, [done.barrier]))
+                own = temperatures_of(settings, [done.barrier])
+                _resize_ladder(done, setup.temperatures or own)
             done.position = _anew(done.position, learnt)
             unused = slice(1, first_used(len(done.visits) - 1))
             done.visits[unused] = [Visits() for _ in done.visits[unused]]
@@ -251,11 +255,12 @@ def _begun(
 ) -> ChainProgress:
     """The progress of a new chain after the ascent of its coldest temperature."""
     settings = setup.settings
-    betas = power_ladder(settings.temperatures) if settings.temperatures > 1 else (1.0,)
+    rungs = min(settings.temperatures, _AT_FIRST)
+    betas = power_ladder(rungs) if rungs > 1 else (1.0,)
     streams, (climbing,) = rng.spawn(len(betas) + 1), rng.spawn(1)
     first = climb(
         setup.problem, learnt.moves, starts[0], climbing,
-        most=int(_CLIMBING * settings.steps * settings.temperatures), report=report,
+        most=int(_CLIMBING * settings.steps * rungs), report=report,
     )  # fmt: skip
     coldest_first = [first, *(starts[min(k, len(starts) - 1)] for k in range(1, len(betas)))]
     position = start(coldest_first[::-1], target=learnt.target, betas=betas)
@@ -494,11 +499,13 @@ def temperatures_of(settings: SampleSettings, barriers: Sequence[float]) -> int:
     return min(settings.temperatures, best_rungs(float(np.mean(barriers))))
 
 
-def _thin_ladder(done: ChainProgress, temperatures: int) -> None:
-    """Drop temperatures in excess of ``temperatures``, with their generators."""
-    if temperatures < len(done.position.betas):
-        done.position = thinned(done.position, temperatures)
-        done.rngs = [*done.rngs[:temperatures], done.rngs[-1]]
+def _resize_ladder(done: ChainProgress, temperatures: int) -> None:
+    """Change the number of temperatures; each has a generator."""
+    now = len(done.position.betas)
+    if temperatures != now:
+        done.position = resized(done.position, temperatures)
+        *own, last = done.rngs
+        done.rngs = [*own[:temperatures], *last.spawn(max(0, temperatures - now)), last]
 
 
 def _anew(position: TemperingState[State], learnt: TemperedProblem) -> TemperingState[State]:

@@ -54,6 +54,9 @@ so many, the learnt weights have an error of about .01."""
 _NEAR: Final = 2.0
 """Width in frames of the kernel (1 + (dt / width)^2)^-2 with which visits determine the person's
 position in other frames; chosen."""
+_ALL_FRAMES: Final = 100_000
+"""Number of visited scenelets from which on only every second of their frames is used, of twice as
+many every third, and so on; chosen: more frames take longer and add little."""
 _PSEUDO_VISITS: Final = np.array([0.02, 5.0])
 """Numbers of pseudo-visits: in each frame, of a person on the static path; and of each scenelet,
 with the mean deviation of similar ones, or by start with its own. A scenelet with fewer visits
@@ -378,10 +381,12 @@ def _rows_of(entries: Entries, n_rows: int) -> Rows:
 
 @compiled
 def _pelvis_by_frame(
-    problem: Problem, cameras: Array, items: Ints, places: Array, sizes: Array
+    problem: Problem, cameras: Array, items: Ints, places: Array, sizes: Array, every: int
 ) -> Array:
     """(T, 3) sums over scenelets of the bearing and log depth of their pelvis in each frame,
-    transformed from their cameras (R, 5) to the mean one, and the number of scenelets."""
+    transformed from their cameras (R, 5) to the mean one, and the number of scenelets.
+
+    Of each scenelet every ``every``-th frame counts, from a different one on in the next one."""
     sums = np.zeros((len(problem.lift), 3))
     where = np.empty(4)
     for k in range(len(items)):
@@ -389,7 +394,7 @@ def _pelvis_by_frame(
         body = math.exp(cameras[k, 3] + sizes[k])
         c, s = body * math.cos(places[k, 2]), body * math.sin(places[k, 2])
         first = problem.joint_first[scenelet]
-        for n in range(first, problem.joint_first[scenelet + 1]):
+        for n in range(first + k % every, problem.joint_first[scenelet + 1], every):
             x, y, height = problem.joints[n, PELV]
             x, y = places[k, 0] + c * x - s * y, places[k, 1] + s * x + c * y
             if y <= 0.0:
@@ -432,7 +437,8 @@ def _expectations(problem: Problem, visits: Visits) -> tuple[Array, Array]:
     items, (places, sizes) = visited["items"], to_floor(visited["where"])
     scenelet, start = items.T
     cameras = np.repeat(visited["cameras"], visited["counts"], axis=0)
-    sums = _pelvis_by_frame(problem, cameras, items, places, sizes)
+    every = 1 + len(items) // _ALL_FRAMES
+    sums = _pelvis_by_frame(problem, cameras, items, places, sizes, every)
     static = static_pelvis_on_floor(problem)
     path = static + _smoothed(sums[:, :2] - static * sums[:, 2:], sums[:, 2])
     yaws = np.zeros((problem.n_frames, len(problem.lengths)))
@@ -447,6 +453,12 @@ def _expectations(problem: Problem, visits: Visits) -> tuple[Array, Array]:
     middles = np.arange(problem.n_frames)[:, None] + problem.lengths // 2
     yaws += np.arctan2(aside, along)[middles.clip(0, problem.n_frames - 1)]
     return path, yaws
+
+
+def _sums(index: Ints, values: Array, n: int) -> Array:
+    """(n, K) sums of the rows of ``values`` (M, K) with the same ``index`` (M,)."""
+    columns = [np.bincount(index, column, n) for column in values.T]
+    return np.stack(columns, -1).astype(np.float64)
 
 
 class _SceneletDeviations(NamedTuple):
@@ -475,8 +487,7 @@ def _scenelet_deviations(reference: Reference, visits: Visits, alike: Array) -> 
     ).reshape(-1, 8)
     sound = np.isfinite(offsets).all(1)
     number = np.bincount(scenelet[sound], minlength=len(alike)).astype(np.float64)
-    total = np.zeros((len(alike), 8))
-    np.add.at(total, scenelet[sound], offsets[sound])
+    total = _sums(scenelet[sound], offsets[sound], len(alike))
     weights = alike / alike.max(1)[:, None]
     np.fill_diagonal(weights, 0.0)
     similar = weights @ total / (weights @ number + _PSEUDO_VISITS[1])[:, None]
@@ -509,15 +520,16 @@ def _start_deviations(
     slope = (fitted @ offsets[:, 3] + pseudo) / (fitted @ fitted + pseudo)
     offsets[:, 3] -= slope * fitted
     last = len(reference.path) - 1
-    total = np.zeros((last + 1, len(reference.lengths), 4), np.float32)
-    number = np.zeros(total.shape[:2], np.float32)
+    shape = (last + 1, len(reference.lengths))
+    counted = np.column_stack([offsets, np.ones(len(offsets))])
+    sums = np.zeros((math.prod(shape), 5))
     for by, share in _SHIFTS.items():
-        at = ((start + by).clip(0, last), scenelet)
-        np.add.at(total, at, share * offsets)
-        np.add.at(number, at, share)
-    total /= number[:, :, None] + np.float32(_PSEUDO_VISITS[1])
-    total[:, :, 3] += slope * fitted_sizes
-    return total
+        at = np.ravel_multi_index(((start + by).clip(0, last), scenelet), shape)
+        sums += share * _sums(at, counted, len(sums))
+    mean = sums[:, :4] / (sums[:, 4:] + _PSEUDO_VISITS[1])
+    mean[:, 3] += slope * fitted_sizes.ravel()
+    deviations: NDArray[np.float32] = mean.reshape(*shape, 4).astype(np.float32)
+    return deviations
 
 
 def _scatter(

@@ -20,9 +20,9 @@ from imapper_prob.samplers.tempering import (
     Rung,
     TemperedDensity,
     TemperingState,
+    resized,
     start,
     temper,
-    thinned,
 )
 from tests.samplers import islands, polynomials
 from tests.samplers.frequencies import chi_square
@@ -183,20 +183,25 @@ def test_the_ladder_adapts_to_equal_swap_rates():
     assert position.betas[-1] == 1
 
 
-def test_a_ladder_with_fewer_rungs_swaps_about_evenly():
+@pytest.mark.parametrize("rungs", [5, 13])
+def test_a_ladder_with_fewer_or_more_rungs_swaps_about_evenly(rungs):
     _, position = adapted(9, seed=1, rounds=1_000)
-    fewer = thinned(position, 5)
-    assert np.ptp(gaussian_rates(fewer.betas)) < 0.1
-    for chain, beta, value in zip(fewer.chains, fewer.betas, fewer.log_likelihoods, strict=True):
+    other = resized(position, rungs)
+    assert len(other.betas) == len(other.chains) == len(other.replicas) == rungs
+    assert np.ptp(gaussian_rates(other.betas)) < np.ptp(gaussian_rates(position.betas)) + 0.1
+    for chain, beta, value in zip(other.chains, other.betas, other.log_likelihoods, strict=True):
         parts = gaussian(chain.state)
         assert value == parts.log_likelihood
         assert chain.log_density == pytest.approx(parts.at(Rung(beta)))
-    assert fewer.chains[0].state is position.chains[0].state
-    assert fewer.chains[-1].state is position.chains[-1].state
-    assert thinned(position, 9).betas == pytest.approx(position.betas)
-    for rungs in (1, 10):
-        with pytest.raises(ValueError, match=f"9 rungs cannot have {rungs}"):
-            thinned(position, rungs)
+    assert other.chains[0].state is position.chains[0].state
+    assert other.chains[-1].state is position.chains[-1].state
+
+
+def test_a_ladder_of_another_size_keeps_both_ends():
+    _, position = adapted(9, seed=1, rounds=10)
+    assert resized(position, 9).betas == pytest.approx(position.betas)
+    with pytest.raises(ValueError, match="9 rungs cannot have 1"):
+        resized(position, 1)
 
 
 @pytest.mark.parametrize("barrier", [1.0, 2.0, 3.5, 5.0])

@@ -142,6 +142,22 @@ def test_temperatures_in_excess_are_dropped(undisturbed: Chain) -> None:
     assert len(undisturbed.ladder.betas) == round(2 * barrier) + 1 < SETTINGS.temperatures
 
 
+@pytest.mark.parametrize("stop_at", [0.2, 0.35])
+def test_temperatures_that_the_barrier_asks_for_are_added(
+    setup: Setup, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stop_at: float
+) -> None:
+    monkeypatch.setattr(chain, "_AT_FIRST", 3)
+    whole = run(setup, None)
+    betas = whole.ladder.betas
+    assert len(betas) == round(2 * whole.progress.barrier) + 1 > 3
+    assert betas[0] == 0 < betas[1]
+    assert betas[-1] == 1
+    streams = [rng.bit_generator.state["state"] for rng in whole.progress.rngs]
+    assert len({str(stream) for stream in streams}) == len(betas) + 1
+    assert not run(setup, tmp_path / "chain.npz", stop_at=stop_at).finished
+    assert_same(run(setup, tmp_path / "chain.npz"), whole)
+
+
 def test_all_chains_have_as_many_temperatures() -> None:
     samples = sample_scenes(small_solution(), SETTINGS, seed=np.random.SeedSequence(1))
     counts = {len(ladder.betas) for ladder in samples.ladders}
