@@ -215,8 +215,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     text = (
         f"`python -m lab.long_clips {numbers}` writes this section. Chains have {SETTINGS.steps} "
         f"steps at {SETTINGS.temperatures} temperatures instead of {SampleSettings().steps:,} at "
-        f"up to {SampleSettings().temperatures}, so that jumping between scenes takes far less than in "
-        "a usual run; all other stages take as long as there.\n\n"
+        f"up to {SampleSettings().temperatures}, so that jumping between scenes takes far less "
+        "than in a usual run; all other stages take as long as there.\n\n"
     )
     write_section("Long clips, measured", text + long_clips_section(found))
     return int(any(_peak(taken) > taken.asked or taken.end == "killed" for taken in found))

@@ -12,11 +12,12 @@ then have to pass a bottleneck. The tilts adapt until the mean counts on every r
 those of both ends, which have no tilt.
 
 Even and odd pairs of neighbours swap in alternation. Each swap leaves the joint target invariant.
-Unlike randomly chosen pairs, the alternation moves states on in the same direction.
+Unlike randomly chosen pairs, the alternation moves states on in the same direction. Swaps evaluate
+nothing anew, so every round makes as many sweeps as there are rungs: a state can travel from one
+end to the other, and rungs are nearly assigned anew (as with infinitely many swaps).
 
 If a state has many nearly independent parts, swaps of whole states rarely succeed: a gain in one
-part is lost in another. A crossover exchanges only a part, between the pairs that do not swap in
-that round.
+part is lost in another. A crossover exchanges only a part.
 
 The prior can be any distribution with a density known up to a constant. If it can be sampled
 directly, the chain at beta = 0 needs no kernel, and its states are independent of all earlier ones.
@@ -28,6 +29,7 @@ Liang & Wong 2000, Statistica Sinica 10, 317 (crossover between temperatures).
 Woodard, Schmidler & Huber 2009, Electronic Journal of Probability 14, 780 (bottlenecks).
 Grosse, Maddison & Salakhutdinov 2013, NeurIPS 26 (paths of averaged moments).
 Tawn, Roberts & Rosenthal 2020, Statistics and Computing 30, 27 (weights that tempering preserves).
+Dupuis, Liu, Plattner & Doll 2012, Multiscale Modeling & Simulation 10, 986 (infinitely many swaps).
 Syed, Bouchard-Côté, Deligiannidis & Doucet 2022, JRSS B 84, 321 (even-odd swaps).
 Surjanovic, Syed, Bouchard-Côté & Campbell 2022, NeurIPS 35 (a learnt distribution as the prior).
 """
@@ -289,7 +291,7 @@ class TemperingInfo(NamedTuple, Generic[S]):
     steps : tuple of K tuples of StepInfo
         Record of the steps on each rung.
     swap_acceptance : tuple of K - 1 float
-        Probability of a swap across each gap, including gaps that were not tried in this round.
+        Probability of a swap across each gap before the first sweep.
     crossovers : tuple of StepInfo
         Crossovers that were tried, from hot to cold; empty without a crossover.
     """
@@ -421,7 +423,7 @@ def temper(
         Adapt the tilts, too, towards mean counts between those of both ends. Their noise decreases
         with the number of rounds.
     crossover : Crossover, optional
-        Exchanges parts of states across every second gap, before the swaps.
+        Exchanges parts of states across every second gap, even and odd in turn, before the swaps.
     independent : callable, optional
         ``independent(rng) -> S`` draws from the prior. At beta = 0, one such draw per round
         replaces the steps of the kernel.
@@ -532,7 +534,6 @@ def _rounds(
             steps.append(infos)
         crossed = []
         if crossover is not None:
-            # Crossovers use the gaps that do not swap in this round.
             for gap in range(1 - state.rounds % 2, len(chains) - 1, 2):
                 pair = slice(gap, gap + 2)
                 chains[pair], info = _crossed(
@@ -542,11 +543,12 @@ def _rounds(
         parts = [
             rung_chain(chain.state) for rung_chain, chain in zip(rung_chains, chains, strict=True)
         ]
-        rungs = zip(parts, state.rungs, strict=True)
+        densities = _log_densities(parts, state.rungs)
         acceptance = tuple(
-            math.exp(min(0.0, _log_swap_ratio(hot, cold))) for hot, cold in pairwise(rungs)
+            math.exp(min(0.0, _log_swap_ratio(densities, gap, gap, gap + 1)))
+            for gap in range(len(parts) - 1)
         )
-        order = _swapped(swap_rng, acceptance, odd=state.rounds % 2)
+        order = _swapped(swap_rng, densities, odd=state.rounds % 2)
         rung_chains = [rung_chains[i] for i in order]
         parts, betas, tilts = [parts[i] for i in order], state.betas, state.tilts
         counts, mean_counts = tuple(part.counts for part in parts), state.mean_counts
@@ -618,18 +620,27 @@ def _crossed(
     return (new if accepted else list(pair)), StepInfo("crossover", accepted, log_acceptance)
 
 
-def _log_swap_ratio(hot: tuple[LogDensityParts, Rung], cold: tuple[LogDensityParts, Rung]) -> float:
-    """Log ratio of the joint density after and before a swap; the priors cancel."""
-    ratio = (cold[1].beta - hot[1].beta) * (hot[0].log_likelihood - cold[0].log_likelihood)
-    for parts, gained, lost in ((hot[0], cold[1], hot[1]), (cold[0], hot[1], cold[1])):
-        ratio += gained.log_tilt(parts.counts) - lost.log_tilt(parts.counts)
-    return ratio
+def _log_densities(parts: Sequence[LogDensityParts], rungs: Sequence[Rung]) -> list[list[float]]:
+    """Log density of each state on each rung."""
+    return [[part.at(rung) for rung in rungs] for part in parts]
 
 
-def _swapped(rng: np.random.Generator, acceptance: Sequence[float], *, odd: int) -> list[int]:
-    """Index of the state that each rung receives, if only even or odd gaps may swap."""
-    order = list(range(len(acceptance) + 1))
-    for gap in range(odd, len(acceptance), 2):
-        if rng.random() < acceptance[gap]:
-            order[gap], order[gap + 1] = order[gap + 1], order[gap]
+def _log_swap_ratio(densities: Sequence[Sequence[float]], gap: int, hot: int, cold: int) -> float:
+    """Log ratio of the joint density after and before two states swap across a gap."""
+    after = densities[hot][gap + 1] + densities[cold][gap]
+    return after - densities[hot][gap] - densities[cold][gap + 1]
+
+
+def _swapped(
+    rng: np.random.Generator, densities: Sequence[Sequence[float]], *, odd: int
+) -> list[int]:
+    """Index of the state that each rung receives, after sweeps over even and odd gaps in turn."""
+    rungs = len(densities)
+    order = list(range(rungs))
+    lowest = (-rng.standard_exponential((rungs, rungs))).tolist()
+    for sweep in range(rungs):
+        for gap in range((odd + sweep) % 2, rungs - 1, 2):
+            hot, cold = order[gap : gap + 2]
+            if _log_swap_ratio(densities, gap, hot, cold) > lowest[sweep][gap]:
+                order[gap], order[gap + 1] = cold, hot
     return order

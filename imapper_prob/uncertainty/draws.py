@@ -308,8 +308,8 @@ class Draws:
 
         Examples
         --------
-        >>> [o.label for o in posterior.estimate.objects]
-        ['couch', 'table']
+        >>> posterior.estimate.objects[0].label
+        'couch'
         """
         states = self.samples.states
         mean = np.mean([state.camera for state in states], axis=0)

@@ -67,24 +67,31 @@ def test_every_ratio_is_that_of_both_directions(rng):
     assert all(rate > 0.1 for rate in table.rates().values())
 
 
-def with_priors(hot, cold):
-    """Forgets that priors are not tempered."""
-    return (cold[1] - hot[1]) * (sum(hot[0]) - sum(cold[0]))
-
-
-def cold_only(hot, cold):
+def cold_only(densities, gap, hot, cold):
     """Forgets what the swap does to the hot chain."""
-    return cold[1] * (hot[0].log_likelihood - cold[0].log_likelihood)
+    return densities[hot][gap + 1] - densities[cold][gap + 1]
 
 
-def always(hot, cold):
+def always(densities, gap, hot, cold):
     return 0.0
 
 
+def with_priors(parts, rungs):
+    """Forgets that priors are not tempered."""
+    return [[rung.beta * part.at(Rung(1.0)) for rung in rungs] for part in parts]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("wrong", [with_priors, cold_only, always])
-def test_the_same_test_fails_a_wrong_swap_ratio(monkeypatch, wrong):
-    monkeypatch.setattr(tempering, "_log_swap_ratio", wrong)
+@pytest.mark.parametrize(
+    ("of", "wrong"),
+    [
+        ("_log_densities", with_priors),
+        ("_log_swap_ratio", cold_only),
+        ("_log_swap_ratio", always),
+    ],
+)
+def test_the_same_test_fails_a_wrong_swap_ratio(monkeypatch, of, wrong):
+    monkeypatch.setattr(tempering, of, wrong)
     assert chi_square(cells(seed=1), EXACT) < FAIL
 
 
@@ -216,7 +223,7 @@ def test_the_best_number_of_rungs_makes_most_round_trips_for_the_same_work(barri
 
 
 def test_counted_swap_rates_are_the_known_ones():
-    rngs, position = adapted(5, seed=2, rounds=300)
+    rngs, position = adapted(9, seed=2, rounds=1_000)
     table = SwapTable.empty(position.betas)
     chain = temper(
         rngs, position, chain_at=partial(KernelChain, gaussian, exact_step), steps_per_swap=1
@@ -231,11 +238,10 @@ def test_counted_swap_rates_are_the_known_ones():
         summary.swap_rates, gaussian_rates(position.betas), atol=5 * 0.5 / math.sqrt(n)
     )
     assert summary.rounds == n
-    # Even-odd swaps of independent draws make n / (2 + 2 sum r / (1 - r)) trips (Syed et al.
-    # 2022, theorem 1); they renew like a counting process of no more than Poisson's variance.
+    # With one sweep a round, independent draws make n / (2 + 2 sum r / (1 - r)) trips (Syed et al.
+    # 2022, theorem 1). More sweeps make more.
     rejected = 1 - gaussian_rates(position.betas)
-    expected = n / (2 + 2 * np.sum(rejected / (1 - rejected)))
-    assert abs(summary.round_trips - expected) < 4 * math.sqrt(expected)
+    assert summary.round_trips > n / (2 + 2 * np.sum(rejected / (1 - rejected)))
 
 
 TILTS = ((0.0,), (1.5,), (-1.0,), (0.0,))
@@ -268,13 +274,13 @@ def test_tilted_rungs_sample_their_own_distributions():
     assert least_probable(sizes, last.rungs) > PASS / len(TILTS)
 
 
-def without_tilts(hot, cold):
+def without_tilts(parts, rungs):
     """Forgets that tilts differ."""
-    return (cold[1].beta - hot[1].beta) * (hot[0].log_likelihood - cold[0].log_likelihood)
+    return [[part.at(Rung(rung.beta)) for rung in rungs] for part in parts]
 
 
 def test_the_same_test_fails_swaps_without_tilts(monkeypatch):
-    monkeypatch.setattr(tempering, "_log_swap_ratio", without_tilts)
+    monkeypatch.setattr(tempering, "_log_densities", without_tilts)
     sizes, last = sizes_of(polynomial_ladder()._replace(tilts=TILTS), rounds=6_000)
     assert least_probable(sizes, last.rungs) < FAIL
 
@@ -367,7 +373,7 @@ def test_what_a_position_says_is_so():
             assert likelihood == parts.log_likelihood
 
 
-def test_even_and_odd_pairs_swap_in_turn():
+def test_a_state_can_travel_through_all_rungs_in_a_round():
     flat = Mixture((Still(),), (1.0,))
     at = start([0, 1, 2, 3], target=lambda _: LogDensityParts(0.0, 0.0), betas=power_ladder(4))
     chain = temper(
@@ -378,13 +384,10 @@ def test_even_and_odd_pairs_swap_in_turn():
         ),
         steps_per_swap=1,
     )
-    # All swaps succeed: a replica moves one rung a round until it turns at an end.
-    assert [item.state.replicas for item in islice(chain, 4)] == [
-        (1, 0, 3, 2),
-        (1, 3, 0, 2),
-        (3, 1, 2, 0),
-        (3, 2, 1, 0),
-    ]
+    # All swaps succeed: every replica moves on to the other end, or turns at one.
+    for _ in range(3):
+        assert next(chain).state.replicas == (3, 2, 1, 0)
+        assert next(chain).state.replicas == (0, 1, 2, 3)
 
 
 class Still:
