@@ -82,7 +82,7 @@ def show_energy(folder: Path) -> None:
 
 DEMO = SampleSettings(steps=36_000, temperatures=5)
 """Settings of the demo, chosen by how its chains converge. Their barrier is 2.0, so 5 temperatures
-are best; with these steps probabilities converge, in one to two minutes on two cores."""
+are best; with these steps probabilities converge, in about a minute on two cores."""
 _STEPS = SampleSettings().steps
 
 
