@@ -1,11 +1,12 @@
-"""Which of both samplers is right about the two most probable scenes? Their evidences, alone.
+"""Which of both samplers is right about the most probable scenes? Their evidences, alone.
 
     python -m lab.eryn.evidence FOLDER
 
-after ``python -m lab.eryn`` with the same FOLDER prints the ratio of the evidences of both scenes,
-and of the visits of both samplers. With scenelets and starts fixed, camera, placements and sizes
-are nearly normal, and bridge sampling estimates the evidence from draws of these alone, without
-jumps. Chains should visit the two scenes in the ratio of their evidences.
+after ``python -m lab.eryn`` with the same FOLDER prints the ratio of the evidences of the most
+probable scene and of each of the next, and of the visits of both samplers. With scenelets and
+starts fixed, camera, placements and sizes are nearly normal, and bridge sampling estimates the
+evidence from draws of these alone, without jumps. Chains should visit scenes in the ratio of their
+evidences.
 
 References
 ----------
@@ -42,6 +43,8 @@ Items = tuple[tuple[int, int], ...]
 
 DRAWS = 4000
 """Draws of each run, evenly spaced."""
+SCENES = 3
+"""Scenes that are compared: all that have a probability of more than a twentieth."""
 
 
 def assignments(runs: dict[str, NDArray[Any]]) -> NDArray[np.object_]:
@@ -89,7 +92,7 @@ def evidence(problem: Problem, draws: Array, items: Items) -> Evidence:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the ratio of both evidences, and of the visits of both samplers."""
+    """Print the ratios of evidences, and of the visits of both samplers."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -100,20 +103,23 @@ def main(arguments: Sequence[str] | None = None) -> None:
     runs = {name: load_runs(folder / f"{name}-{LONG[1]:.0f}.npz") for name in names}
     visited = {name: assignments(runs[name]) for name in names}
     counted: Counter[Items] = Counter(visited["layout"].ravel().tolist())
-    pair = tuple(items for items, _ in counted.most_common(2))
-    draws = [vectors(runs["layout"], visited["layout"], items) for items in pair]
-    found = [evidence(problem, own, items) for own, items in zip(draws, pair, strict=True)]
-    ratio = found[0].log_evidence - found[1].log_evidence
-    error = math.hypot(found[0].standard_error, found[1].standard_error)
-    print(f"{pair[0]} over {pair[1]}: log ratio of evidences {ratio:.3f} ± {error:.3f}")
-    for name in names:
-        shares = [
-            np.array([np.mean([own == items for own in run.flat]) for run in visited[name]])
-            for items in pair
-        ]
-        by_run = np.round(np.log(shares[0] / shares[1]), 2)
-        visits = math.log(shares[0].mean() / shares[1].mean())
-        print(f"  of visits, {name}: {visits:.3f}, run by run {by_run}")
+    most = [items for items, _ in counted.most_common(SCENES)]
+    found = [
+        evidence(problem, vectors(runs["layout"], visited["layout"], items), items)
+        for items in most
+    ]
+    for items, own in zip(most[1:], found[1:], strict=True):
+        ratio = found[0].log_evidence - own.log_evidence
+        error = math.hypot(found[0].standard_error, own.standard_error)
+        print(f"{most[0]} over {items}: log ratio of evidences {ratio:.3f} ± {error:.3f}")
+        for name in names:
+            shares = [
+                np.array([np.mean([own == one for own in run.flat]) for run in visited[name]])
+                for one in (most[0], items)
+            ]
+            by_run = np.round(np.log(shares[0] / shares[1]), 2)
+            visits = math.log(shares[0].mean() / shares[1].mean())
+            print(f"  of visits, {name}: {visits:.3f}, run by run {by_run}")
 
 
 # Nats beyond which one of the two sums of a bridge is negligible: e^-50 is smaller than one over
