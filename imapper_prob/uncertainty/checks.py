@@ -25,7 +25,7 @@ from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import binom, chi2, norm
+from scipy.stats import beta, chi2, norm
 
 from imapper_prob.files import without_nan
 from imapper_prob.models.calibrated import calibrated, constants
@@ -504,7 +504,7 @@ def checks_of(
         height(problem, cameras, fps=clip.fps),
         slope(problem, cameras, fps=clip.fps),
         camera(clip.camera, cameras),
-        resemblance(best_fits, frame_weight=problem.frame_weight),
+        resemblance(best_fits, fps=clip.fps),
         prediction(problem, drawn, clip.camera, rng=rng),
         elsewhere(clip, _away(clip, problem)),
     )
@@ -581,30 +581,37 @@ def _from_rows(rows: Iterable[Mapping[str, Any]]) -> tuple[Check, ...]:
     )
 
 
-_UNLIKE: Final = 0.64
+_UNLIKE: Final = 0.72
 """Nats per confident joint: 95 % of the frames of simulated clips have a right scenelet that fits
-better (``python -m lab.alarms --threshold``)."""
+better (``python -m lab.alarms 160 --threshold``)."""
 _UNLIKE_PART: Final = 0.05
 """Part of the frames of simulated clips whose right scenelet fits worse than `_UNLIKE`."""
+_UNLIKE_TIME: Final = 2.8
+"""Seconds of a clip that tell as much of this part as one independent frame, by the variance of the
+part of the frames of a clip (the same command)."""
 
 
-def resemblance(best: Array, *, frame_weight: float) -> Check:
+def resemblance(best: Array, *, fps: float) -> Check:
     """Check that the library has scenelets that resemble the detected motion.
+
+    The limit belongs to a beta distribution of the part of the frames, which has the mean and the
+    variance of that part over simulated clips.
 
     Parameters
     ----------
     best : (T,) float
         See :func:`imapper_prob.solver.fits.best_fits`.
-    frame_weight : float
-        One over the number of frames in a correlation time.
+    fps : float
+        Frames a second.
 
     Returns
     -------
     Check
     """
     judged = best[np.isfinite(best)]
-    independent = max(1, round(len(judged) * min(1.0, frame_weight)))
-    limit = float(binom.isf(_RATE, independent, _UNLIKE_PART)) / independent
+    others = len(judged) / (fps * _UNLIKE_TIME) - 1.0
+    known = _UNLIKE_PART * others, (1.0 - _UNLIKE_PART) * others
+    limit = float(beta.isf(_RATE, *known)) if others > 0 else 1.0
     if not len(judged):
         return Check("resemblance", math.nan, limit, False, "Nothing says how well scenelets fit.")
     value = float(np.mean(judged > _UNLIKE))

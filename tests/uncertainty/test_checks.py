@@ -202,18 +202,18 @@ def test_somebody_on_air_is_not_predicted() -> None:
 
 def test_what_the_library_does_not_know_alarms() -> None:
     known = np.random.default_rng(0).normal(-0.3, 0.2, 200)
-    assert not resemblance(known, frame_weight=0.05).alarmed
+    assert not resemblance(known, fps=10.0).alarmed
     strange = np.array(known)
     strange[:120] += 3.0
-    check = resemblance(strange, frame_weight=0.05)
+    check = resemblance(strange, fps=10.0)
     assert check.alarmed
     assert check.value == pytest.approx(0.6)
     assert "60 % of the clip" in check.sentence
     # In a second nothing is proved, and frames of which nothing is known do not count.
-    assert not resemblance(strange[110:128], frame_weight=0.05).alarmed
+    assert not resemblance(strange[110:128], fps=10.0).alarmed
     strange[:120] = np.nan
-    assert not resemblance(strange, frame_weight=0.05).alarmed
-    nothing = resemblance(np.full(20, np.nan), frame_weight=0.05)
+    assert not resemblance(strange, fps=10.0).alarmed
+    nothing = resemblance(np.full(20, np.nan), fps=10.0)
     assert math.isnan(nothing.value)
     assert not nothing.alarmed
 
