@@ -186,7 +186,7 @@ def sampled_cells(
 
 
 def scene_rows(records: Records, *, static: bool) -> Rows:
-    """One row for each spoiling, one column for each scene: world cm, cost, and coverage."""
+    """One row for each spoiling, one column for each scene: world cm, cost, coverage or depth."""
     kind, clean = "static" if static else "answer", records[UNSPOILED]
     rows: Rows = [("", *clean)]
     for name, found in records.items():
@@ -202,7 +202,10 @@ def scene_rows(records: Records, *, static: bool) -> Rows:
             there, _ = there_of(record, before, kind)
             if name in APART:
                 text += f", {marked(number(there), there <= ELSEWHERE)} there"
-            if not static:
+            if static:
+                off, spread = record[kind]["depth"]
+                text += f"; depth {100 * off:+.1f} ± {100 * spread:.1f} %"
+            else:
                 (fifty, ninety), _ = held_cells([record["regions"]["all"]])
                 text += f"; {fifty} / {ninety}; {number(record['objects']['loss'])}"
             cells.append(text)
@@ -227,7 +230,11 @@ def page(records: Records, failures: Sequence[str], *, static: bool, scenes: int
         _table(rows),
         f"{len(rows) - 1 - broken} of {len(rows) - 1} rows keep all limits.",
         "Scene by scene: world cm (cost)"
-        + ("" if static else "; what regions of 50 / 90 % hold; objects with misses, cm")
+        + (
+            "; log depth of the pelvis less the true one, mean ± standard deviation over frames"
+            if static
+            else "; what regions of 50 / 90 % hold; objects with misses, cm"
+        )
         + "; what a mean may not be is bold here too.",
         _table(scene_rows(records, static=static)),
         *(f"Failed: {failure}" for failure in failures),

@@ -29,7 +29,7 @@ from imapper_prob.evaluate.score import SUBSETS, pose_scores, score, static_path
 from imapper_prob.evaluate.truth import TruthInView
 from imapper_prob.files import written_whole
 from imapper_prob.models.scene import Clip
-from imapper_prob.models.skeleton import SCORED
+from imapper_prob.models.skeleton import PELV, SCORED
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.solver.actors import solve_actors
 from lab.spoiled.spoilings import SPOILINGS, Spoiled
@@ -141,13 +141,18 @@ def settings(steps: int) -> SampleSettings:
 
 
 def errors(prediction: Prediction, clip: Clip, truth: TruthInView) -> dict[str, Any]:
-    """World cm, local cm and pixels by subset, and each frame's mean squared world error, cm²."""
+    """World cm, local cm and pixels by subset, each frame's mean squared world error in cm², depth.
+
+    The depth is that of the pelvis: mean and standard deviation of the log of estimated over true.
+    """
     prediction = _brought_back(prediction, clip, truth)
     scores = pose_scores(prediction, truth)
+    depth = np.log(prediction.joints[:, PELV, 1] / truth.joints[:, PELV, 1])[truth.known]
     gap = 100 * (prediction.joints - truth.joints)[truth.known][:, list(SCORED)]
     return {
         **{n: [scores[n].world, scores[n].local, scores[n].pixels] for n in SUBSETS},
         "squares": np.round((gap**2).sum(-1).mean(-1), 2).tolist(),
+        "depth": [float(depth.mean()), float(depth.std())],
     }
 
 

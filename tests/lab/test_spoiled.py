@@ -32,7 +32,8 @@ def record(name: str, errors: list[float], affected: list[bool]) -> dict[str, An
     squares = [e**2 for e in errors]
     mean = float(np.sqrt(np.mean(squares)))
     subsets = {subset: [mean, 1.0, 1.0] for subset in SUBSETS}
-    return {"spoiling": name, "affected": affected, "static": {**subsets, "squares": squares}}
+    static = {**subsets, "squares": squares, "depth": [-0.02, 0.05]}
+    return {"spoiling": name, "affected": affected, "static": static}
 
 
 @pytest.mark.parametrize("fps", [10.0, 15.0, 25.0])
@@ -67,6 +68,7 @@ def test_the_page_says_what_does_not_keep_the_limits() -> None:
     dear = record("trunk-0.6", [20.0, 20.0], [True] * 2)
     text = page({UNSPOILED: {"a": clean}, "trunk-0.6": {"a": dear}}, (), static=True, scenes=1)
     assert "**+10.0**" in text
+    assert "depth -2.0 ± 5.0 %" in text
     assert "1 of 2 rows keep all limits" in text
 
 
