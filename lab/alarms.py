@@ -6,8 +6,8 @@
 simulates COUNT clips a row (12 if not given) from motions of a sixth of the built-in library, with
 joints that deviate from them by the model's tolerance (``pose.tolerance``), solves and samples each
 briefly with that sixth, and prints a Markdown table: in how many clips any check raises an alarm,
-and which one. It takes some five seconds a clip. ``--threshold`` prints instead how well
-the best scenelets fit frames of correct clips, and for how long frames resemble each other.
+and which one. It takes some five seconds a clip. ``--threshold`` prints instead how well the best
+scenelets fit frames of correct clips, and how long a clip is that tells as much as one frame.
 """
 
 from __future__ import annotations
