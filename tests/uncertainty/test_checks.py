@@ -209,8 +209,8 @@ def test_what_the_library_does_not_know_alarms() -> None:
     assert check.alarmed
     assert check.value == pytest.approx(0.6)
     assert "60 % of the clip" in check.sentence
-    # Such frames come together: a third of 13 s is nothing rare.
-    third = np.where(np.arange(130) < 43, 2.0, -0.3)
+    # Such frames come together: a little more than a third of 13 s is nothing rare.
+    third = np.where(np.arange(130) < 46, 2.0, -0.3)
     assert not resemblance(third, fps=10.0).alarmed
     # In a second nothing is proved, and frames of which nothing is known do not count.
     assert not resemblance(strange[110:128], fps=10.0).alarmed
