@@ -586,7 +586,7 @@ _UNLIKE: Final = 0.72
 better (``python -m lab.alarms 160 --threshold``)."""
 _UNLIKE_PART: Final = 0.05
 """Part of the frames of simulated clips whose right scenelet fits worse than `_UNLIKE`."""
-_UNLIKE_TIME: Final = 2.8
+_UNLIKE_TIME: Final = 3.0
 """Seconds of a clip that tell as much of this part as one independent frame, by the variance of the
 part of the frames of a clip (the same command)."""
 
