@@ -95,6 +95,12 @@ def test_newcomer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.slow
+def test_camera_heights(capsys: pytest.CaptureFixture[str]) -> None:
+    run("lab.camera_heights", "2")
+    assert capsys.readouterr().out.count("\n| ") == 3
+
+
+@pytest.mark.slow
 def test_crossings(capsys: pytest.CaptureFixture[str]) -> None:
     run("lab.crossings", "1")
     assert capsys.readouterr().out.count("skeletons right") == 6
