@@ -20,9 +20,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.clips.load import window
 from imapper_prob.evaluate.tables import markdown_table
 from imapper_prob.models.path_prior import CameraPrior
 from imapper_prob.models.scene import Clip
+from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import Settings
 from imapper_prob.scenelets.library import load_library
 from imapper_prob.solver.camera_prior import estimate_camera
@@ -57,33 +59,20 @@ def camera_of(clip: Clip) -> CameraPrior:
     )
 
 
-def longest_stay(clip: Clip) -> slice | None:
-    """The frames of the longest stretch in which the simulated person sits."""
+def longest_stay(clip: Clip) -> tuple[int, int] | None:
+    """First and last frame of the longest stretch in which the simulated person sits."""
     truth = clip.truth
     assert truth is not None
     sits = np.array([action.startswith("sit") for action in truth.actions])
     edges = np.flatnonzero(np.diff(np.concatenate([[0], sits, [0]]))).reshape(-1, 2)
     first, end = max(edges.tolist(), key=lambda edge: edge[1] - edge[0], default=(0, 0))
-    return slice(first, end) if end - first >= SHORTEST * clip.fps else None
+    long = end - first >= SHORTEST * clip.fps
+    return (int(clip.frame_ids[first]), int(clip.frame_ids[end - 1])) if long else None
 
 
-def part(clip: Clip, frames: slice) -> Clip:
-    """Some frames of a clip of one person, without the truth."""
-    track = clip.tracks[0]
-    cut = replace(
-        track,
-        keypoints=track.keypoints[frames],
-        confidences=track.confidences[frames],
-        poses=track.poses[frames],
-        interpolated=track.interpolated[frames],
-    )
-    return replace(clip, frame_ids=clip.frame_ids[frames], tracks=(cut,), truth=None)
-
-
-def errors(seed: int) -> NDArray[np.float64]:
+def errors(seed: int, library: Library) -> NDArray[np.float64]:
     """(3, 2) error of the height in metres and its deviation, by case; NaN without a stay."""
     rng = np.random.default_rng(seed)
-    library = shortened(load_library())
     clip = simulated(rng, library, only=("sit",) if seed % SEATED_EVERY == 0 else ())
     stay, truth = longest_stay(clip), clip.truth
     assert truth is not None
@@ -92,7 +81,7 @@ def errors(seed: int) -> NDArray[np.float64]:
     clip = replace(clip, camera=nominal)
     cut = with_legs_cut_off(clip, rng).clip
     found = np.full((len(CASES), 2), np.nan)
-    for row, seen in zip(found, (clip, cut, stay and part(cut, stay)), strict=True):
+    for row, seen in zip(found, (clip, cut, stay and window(cut, *stay)), strict=True):
         if seen is not None:
             camera = camera_of(seen)
             row[:] = camera.mean[1] - truth.camera.elevation, np.sqrt(camera.covariance[1, 1])
@@ -107,7 +96,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("clips", type=int, nargs="?", default=100)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args(arguments)
-    found = np.stack([errors(seed) for seed in range(options.seed, options.seed + options.clips)])
+    library = shortened(load_library())
+    seeds = range(options.seed, options.seed + options.clips)
+    found = np.stack([errors(seed, library) for seed in seeds])
     rows: list[tuple[str, ...]] = [HEAD]
     for name, case in zip(CASES, found.transpose(1, 0, 2), strict=True):
         error, deviation = case[np.isfinite(case[:, 0])].T
