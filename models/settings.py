@@ -17,7 +17,6 @@ from imapper_prob.models.errors import InputError, require_number
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 
 __all__ = [
-    "ANKLE",
     "FARTHEST_KEYPOINT",
     "HIGHEST_CAMERA",
     "LARGEST_IMAGE",
@@ -127,10 +126,6 @@ class PaperWeights:
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
                 raise InputError(f"weight {name} = {value} must be finite and at least 0")
-
-
-ANKLE: Final = 0.09
-"""Height of the ankle joint (lateral malleolus) above the floor in a standing foot, metres."""
 
 
 def _share(seconds: Number) -> Number:
@@ -385,9 +380,10 @@ class CameraSettings:
     log_body : float
         Standard deviation of log stature about that of the reference body.
     ankle : float
-        Height of the ankle joint above the floor in a standing foot, metres.
+        Mean height of the static path's lower ankle above the floor, metres. It is above that of a
+        true ankle, .09 m, because lifted legs are too short.
     ankle_offset : float
-        Metres; standard deviation of the part of its error that is constant over a clip.
+        Metres; standard deviation between clips of that height.
     ankle_spread : float
         Metres; scale of the error of one independent observation of the lowest ankle.
     ankle_dof : float
@@ -400,7 +396,7 @@ class CameraSettings:
     roll: float = from_data("camera.roll")
     log_elevation: float = from_data("camera.log_elevation")
     log_body: float = from_data("body.log_scale")
-    ankle: float = ANKLE
+    ankle: float = from_data("ankle.height")
     ankle_offset: float = from_data("ankle.offset")
     ankle_spread: float = from_data("ankle.spread")
     ankle_dof: float = from_data("ankle.dof")

@@ -39,7 +39,7 @@ from imapper_prob.models.kernels.visibility import visibility_probability
 from imapper_prob.models.log_posterior import State, camera_at, motion, side_flips
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.scene import Clip
-from imapper_prob.models.settings import ANKLE, NEAREST
+from imapper_prob.models.settings import NEAREST
 from imapper_prob.models.skeleton import (
     DETECTED,
     LANK,
@@ -210,7 +210,7 @@ def height(problem: Problem, cameras: Array, *, fps: float) -> Check:
     limit = _NORMAL * math.hypot(calibrated("ankle.offset"), _median_error(often))
     if counts.sum() < _LEAST_SECONDS * fps:
         return Check("height", math.nan, limit, False, "Feet are hardly ever seen.")
-    value = _median(above, counts) - ANKLE
+    value = _median(above, counts) - calibrated("ankle.height")
     if not abs(value) > limit:
         return Check("height", value, limit, False, f"Feet are on the floor, to {value:+.2f} m.")
     where = "float above" if value > 0 else "have their feet below"

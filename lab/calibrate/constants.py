@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from imapper_prob.models.calibrated import Number
 from imapper_prob.models.detector import CONFIDENCE_EDGES, ERROR_EDGES, LOST_ERROR
 from imapper_prob.models.path_prior import remembered
-from imapper_prob.models.settings import ANKLE, ModelSettings
+from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import MIRROR, SCORED
 from imapper_prob.solver.path_fit import REFERENCE_RATE
 from lab.calibrate.estimators import (
@@ -424,9 +424,14 @@ FROM_PATH: Final = (
         lambda evidence: root_mean_square([np.median(e.path.log_depth) for e in evidence]),
     ),
     Estimator(
-        "ankle.offset", "m", "constant error of ankles' height above the floor",
-        "root mean square over scenes of the path's median lower ankle minus .09 m",
-        lambda evidence: root_mean_square([np.median(e.path.ankle) - ANKLE for e in evidence]),
+        "ankle.height", "m", "height of the path's lower ankle above the floor",
+        "mean over scenes of its median",
+        lambda evidence: float(np.mean([np.median(e.path.ankle) for e in evidence])),
+    ),
+    Estimator(
+        "ankle.offset", "m", "deviation of that of a clip from the mean",
+        "standard deviation over scenes of the median, with the error of the mean",
+        lambda evidence: predictive_spread([np.median(e.path.ankle) for e in evidence]),
     ),
     Estimator(
         "ankle.spread", "m", "error of a frame's lower ankle about that",
@@ -560,7 +565,7 @@ KEPT: Final[Mapping[str, tuple[float, str]]] = {
     "scenelet.log_size": (
         0.0766,
         "what the hundred best fits of a window say: the benchmark was measured with it, and it is "
-        "a sixth of a standard error away",
+        "less than a standard error away",
     ),
     "body.log_scale": (
         0.05,

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.log_posterior import State
 from imapper_prob.models.problem import Problem, pack_problem
 from imapper_prob.models.scene import Clip
@@ -291,7 +292,7 @@ def test_a_path_is_the_pelvis(rng: np.random.Generator) -> None:
     """Heights are those of the world that the joints were made in."""
     joints = away_and_back()
     _, problem = seen(joints)
-    lower = joints[..., 2].min(1) - 0.09
+    lower = joints[..., 2].min(1) - calibrated("ankle.height")
     value = height(problem, np.tile(PHI, (2, 1)), fps=10.0).value
     assert value == pytest.approx(float(np.median(lower)), abs=0.02)
     assert problem.poses[:, PELV].max() == 0.0

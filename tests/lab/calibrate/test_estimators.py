@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from scipy.stats import multivariate_t
 from scipy.stats import t as student
 
 from imapper_prob.models.path_prior import remembered
+from lab.calibrate.constants import FROM_PATH
 from lab.calibrate.estimators import (
     between_groups,
     change_within,
@@ -195,3 +198,14 @@ def test_confusion_without_any_label_is_what_it_was_before() -> None:
     assert confusion_mean(np.empty((0, 2))) == pytest.approx(0.5)
     # One label that agrees, of a population of two: the mean of c (1 - c / 2) over that of 1 - c/2.
     assert confusion_mean([[1.0, 0.5]]) == pytest.approx((1 / 2 - 1 / 6) / (1 - 1 / 4), abs=1e-3)
+
+
+def test_ankles_of_scenes_have_a_mean_and_the_doubt_of_the_next_scene() -> None:
+    """Medians of .1, .2 and .3 m: mean .2 m, deviation .1 m times sqrt(1 + 1 / 3)."""
+    evidence = [
+        SimpleNamespace(path=SimpleNamespace(ankle=np.array([m - 0.02, m, m + 0.5])))
+        for m in (0.1, 0.2, 0.3)
+    ]
+    estimators = {e.name: e.estimate for e in FROM_PATH}
+    assert estimators["ankle.height"](evidence) == pytest.approx(0.2)
+    assert estimators["ankle.offset"](evidence) == pytest.approx(0.1 * np.sqrt(4 / 3))
