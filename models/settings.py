@@ -380,8 +380,7 @@ class CameraSettings:
     log_body : float
         Standard deviation of log stature about that of the reference body.
     ankle : float
-        Mean height of the static path's lower ankle above the floor, metres. It is above that of a
-        true ankle, .09 m, because lifted legs are too short.
+        Mean height of the static path's lower ankle above the floor, metres; a true ankle's is .09.
     ankle_offset : float
         Metres; standard deviation between clips of that height.
     ankle_spread : float

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from typing import TypeVar
 
+_Result = TypeVar("_Result")
 _ADDITIONS = 1_000_000
 
 
@@ -17,14 +19,14 @@ def unit() -> float:
     return time.perf_counter() - start
 
 
-def in_units(work: Callable[[], object]) -> float:
-    """Time of some work in units.
+def timed(work: Callable[[], _Result]) -> tuple[_Result, float]:
+    """What some work gives, and its time in units.
 
     The unit is timed before and after the work, because the speed of a shared machine changes
     within seconds.
     """
     before = unit()
     start = time.perf_counter()
-    work()
+    result = work()
     seconds = time.perf_counter() - start
-    return 2.0 * seconds / (before + unit())
+    return result, 2.0 * seconds / (before + unit())
