@@ -78,12 +78,13 @@ def load_clip(
     options: ClipOptions | None = None,
     frames: tuple[int, int] | None = None,
 ) -> Clip:
-    """Read a clip of any known format; clips without poses are lifted with the built-in library.
+    """Read a clip; clips without poses are lifted with the built-in library.
 
     Parameters
     ----------
     path : path
-        See ``docs/reference/inputs.md``.
+        Keypoints, 3D joints, an i3DB scene or a clip file; see ``docs/reference/inputs.md``. A
+        video needs ``imapper-prob detect`` first.
     options : ClipOptions, optional
         Camera, image size, frame rate, and whatever else the files do not state.
     frames : (int, int), optional

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
-from imapper_prob.models.detector import DetectionModel, student_t
+from imapper_prob.models.detector import ERROR_EDGES, DetectionModel, student_t
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes
 from imapper_prob.models.kernels.stays import off_feet
@@ -284,6 +284,7 @@ def resample(joints: Array, *, fps: float, to_fps: float) -> Array:
     n = len(joints)
     before = int(np.floor((n // 2) / fps * to_fps + 1e-9))
     after = int(np.floor((n - 1 - n // 2) / fps * to_fps + 1e-9))
+    before = min(before, after + 1)  # so that the middle is frame m // 2
     at = n // 2 + np.arange(-before, after + 1) * fps / to_fps
     low = np.clip(np.floor(at).astype(int), 0, n - 2)
     part = (at - low)[:, None, None]
@@ -363,7 +364,9 @@ def pack_problem(
     settings = settings or ModelSettings()
     if len(path.lift) != clip.n_frames:
         raise InputError(f"clip {clip.name}: the static path has {len(path.lift)} frames")
-    seen: NDArray[np.bool_] = np.any(clip.tracks[0].confidences > 0, axis=1)
+    # As in the static path, a joint of less confidence says that it is hidden, but not where.
+    placed = clip.tracks[0].confidences[:, list(DETECTED)] >= ERROR_EDGES[0]
+    seen: NDArray[np.bool_] = placed.any(1)
     problem = Problem(
         **_seen(clip, clip.tracks[0], path, detections or DetectionModel()),
         **_walked(clip, path, camera, settings, starts, seen),

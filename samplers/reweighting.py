@@ -84,14 +84,17 @@ def reweigh(log_weights: ArrayLike) -> Reweighted:
     Returns
     -------
     Reweighted
-        Its error accounts for the autocorrelation within chains.
+        Its error accounts for the autocorrelation within chains; if all draws have the same
+        weight, it is that of as many independent draws which agree.
     """
     log_weights = np.asarray(log_weights, float)
     top = log_weights.max()
     plain = np.exp(log_weights - top)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ShortChainWarning)
-        error = float(mean_error(plain) / plain.mean()) if np.ptp(plain) > 0 else 0.0
+        error = float(mean_error(plain) / plain.mean())
+    if np.ptp(plain) == 0:  # no variance to take an error from, see `unanimous_error`
+        error = 1 / (plain.size + 2)
     weights = plain / plain.sum()
     return Reweighted(
         weights=weights,
@@ -118,7 +121,8 @@ def resample(weights: ArrayLike, count: int, rng: np.random.Generator) -> Ints:
     """
     ends = np.cumsum(np.asarray(weights, float))
     at = (np.arange(count) + rng.random()) / count * ends[-1]
-    chosen: Ints = np.searchsorted(ends, at, side="right").astype(np.int64)
+    last = np.searchsorted(ends, ends[-1])  # rounding may put the last point at the end
+    chosen: Ints = np.minimum(np.searchsorted(ends, at, side="right"), last).astype(np.int64)
     return chosen
 
 

@@ -50,14 +50,14 @@ def add_ask_command(
         "--steps",
         type=int,
         metavar="N",
-        help="of chains that go on, where few draws agree (default: a fourth of the run's)",
+        help="steps of the chains if draws are resampled (default: a fourth of the run's)",
     )
     ask.add_argument(
         "--workers",
         type=int,
         default=os.cpu_count() or 1,
         metavar="N",
-        help="processes of chains that go on; draws do not depend on them (default: one a core)",
+        help="processes of the chains; draws do not depend on them (default: one a core)",
     )
     ask.add_argument("--overwrite", action="store_true", help="replace an earlier run in DIR2")
     ask.set_defaults(execute=_ask)

@@ -53,7 +53,7 @@ def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
         Without help of its own, to be used in ``parents``.
     """
     parser = argparse.ArgumentParser(add_help=False)
-    group = parser.add_argument_group("what the files of a clip do not say")
+    group = parser.add_argument_group("what the files of a clip do not state")
     add = group.add_argument
     add("--camera", type=Path, metavar="FILE", help="intrinsics, TOML or JSON (default: none)")
     add(
@@ -66,26 +66,32 @@ def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
         "--focal-spread",
         type=float,
         metavar="PART",
-        help="of the focal length that it may be wrong by, one standard deviation, such as 0.1",
+        help="relative standard deviation of the focal length (default: by its source)",
     )
     add(
         "--pitch",
         type=float,
         metavar="DEGREES",
-        help="guess of the camera's, from which the clip's is found; down is negative (default: 0)",
+        help="expected pitch of the camera, the mean of its prior; down is negative (default: 0)",
     )
     add(
         "--camera-height",
         type=float,
         metavar="METRES",
-        help="guess of that above the floor, from which the clip's is found (default: 1.5)",
+        help="expected height above the floor, the mean of its prior (default: 1.5)",
     )
     add(
         "--confidence-map",
         metavar="MAP",
-        help="its name, or knots such as 0:0,0.3:0.5,1:1 (default: by format)",
+        help="map of confidences: its name, or knots such as 0:0,0.3:0.5,1:1 (default: by format)",
     )
-    add("--fps", type=float, metavar="N", help="frames a second (default: of the file; else 30)")
+    add(
+        "--fps",
+        type=float,
+        metavar="N",
+        help="frames a second of the input as it is stored; drops none (default: of the file; "
+        "else 30)",
+    )
     if files:
         add("--format", metavar="NAME", help="such as body_25, halpe_26 (default: by content)")
         add(
@@ -110,7 +116,7 @@ def clip_parser(*, files: bool = True) -> argparse.ArgumentParser:
             "--marks",
             type=Path,
             metavar="FILE",
-            help="who is who in some frames, JSON (default: nobody says)",
+            help="who is who in some frames, JSON (default: none)",
         )
         choices = ("default", "paper")
         add(

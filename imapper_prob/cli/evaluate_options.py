@@ -28,7 +28,7 @@ def add_evaluate_command(
     command = commands.add_parser(
         "evaluate",
         parents=[shared],
-        help="hold results against a known truth",
+        help="score results against the truth",
         epilog=examples(
             "evaluate out/Scene04 --truth i3db/Scene04", "evaluate --suite i3db/ -o out/benchmark"
         ),
@@ -51,7 +51,7 @@ def add_evaluate_command(
         "--output",
         type=Path,
         metavar="DIR",
-        help="of evaluation.json and pictures (default: the folder of the run; a prediction file "
+        help="folder of evaluation.json and pictures (default: that of the run; a prediction file "
         "needs one)",
     )
     suite = command.add_argument_group("the whole benchmark")
@@ -59,7 +59,9 @@ def add_evaluate_command(
         "--suite", type=Path, metavar="DIR", help="all i3DB scenes in a folder (default: RUN alone)"
     )
     suite.add_argument(
-        "--exploration", action="store_true", help="also a quarter, a half and more of each clip"
+        "--exploration",
+        action="store_true",
+        help="also score the first quarter, half and three quarters of each clip",
     )
     suite.add_argument("--solver-only", action="store_true", help="no chains: some minutes")
     suite.add_argument(

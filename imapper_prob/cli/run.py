@@ -119,7 +119,7 @@ def add_run_commands(
         help="sample scenes of a clip",
         epilog=examples(
             "run clip.mp4 -o out/clip",
-            "run keypoints/ -o out/clip --size 1920x1080 --fps 30",
+            "run keypoints/ -o out/clip --size 1920x1080 --fps 10",
             "run i3db/Scene04 -o out/Scene04 --until good --minutes 20",
             "run clip.npz -o out/clip --json > result.json",
             "run monday.mp4 tuesday.mp4 --same-room -o out/room",
@@ -177,7 +177,12 @@ def _sampling_options() -> argparse.ArgumentParser:
     """Parser of the options that ``demo`` and ``run`` share."""
     sampling = argparse.ArgumentParser(add_help=False)
     sampling.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder of the run; made"
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder of the run; created if needed",
     )
     sampling.add_argument(
         "--seed", type=int, metavar="N", help="all randomness comes from it (default: 0)"
@@ -199,14 +204,14 @@ def _sampling_options() -> argparse.ArgumentParser:
     sampling.add_argument(
         "--until",
         choices=("good",),
-        help="sample in blocks until the verdict is good, for an hour or --minutes at most "
+        help="sample in blocks until the chains have converged, for an hour or --minutes at most "
         "(default: --steps alone decide)",
     )
     sampling.add_argument(
         "--preset",
         choices=("default", "paper"),
-        help="what a scene costs: ours, or the published energy in place of the likelihood "
-        "(default: default)",
+        help="log-posterior: that of the program, or the published energy in place of the "
+        "likelihood (default: default)",
     )
     sampling.add_argument(
         "--workers",

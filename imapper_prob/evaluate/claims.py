@@ -65,11 +65,11 @@ def draws_of(posterior: Posterior, *, rows: int | None = None) -> Draws:
     count = len(samples.states)
     chosen = np.unique(np.linspace(0, count - 1, min(count, _MOST)).round().astype(int))
     joints, pixels, objects = [], [], []
-    rng = np.random.default_rng(posterior.config.seed)
+    fps, rng = posterior.clip.fps, np.random.default_rng(posterior.config.seed)
     for k in chosen.tolist():
         state = samples.states[k]
         camera = state_camera(posterior.clip.camera, state)
-        world = drawn_motion(rng, source.problem, state, camera)[:rows]
+        world = drawn_motion(rng, source.problem, state, camera, fps=fps)[:rows]
         joints.append(camera.to_camera(world))
         pixels.append(camera.project(world))
         objects.append(tuple(outline_of(o, camera) for o in posterior.furniture[k]))

@@ -174,7 +174,9 @@ def scene_document(
                 replace(
                     draw,
                     objects=posterior.furniture[n],
-                    joints=drawn_motion(rng, problem, posterior.samples.states[n], draw.camera),
+                    joints=drawn_motion(
+                        rng, problem, posterior.samples.states[n], draw.camera, fps=clip.fps
+                    ),
                 ),
                 clip,
             )

@@ -331,6 +331,8 @@ def _log_density_parts(
                 tilt = _log_tilt(shared_moves.moves.reference.kinds, tilts, new.items)
                 wanted = prior - density + (least - prior - tilt) / beta
             density += weigh_placed(evaluator, n_before, new.camera, new.items, wanted)
+    if math.isnan(density):
+        return density, density
     if density == -math.inf or prior == -math.inf:
         return -math.inf, 0.0
     return prior, density - prior
@@ -400,7 +402,9 @@ def _advance(
                 if beta > 0.0:
                     least = log_likelihood + prior - density + (lowest - of_reference) / beta
                 density += weigh_placed(evaluator, len(scene.items), new.camera, new.items, least)
-        if density > -math.inf and prior > -math.inf:
+        if math.isnan(density):
+            gain = density
+        elif density > -math.inf and prior > -math.inf:
             likelihood = density - prior
             gain = of_reference + beta * (likelihood - log_likelihood)
         if not gain < math.inf:

@@ -223,7 +223,8 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
     """(T,) nats by which each frame's own pose fits better than the best upright motion nearby.
 
     In each window, the best-fitting scenelet with an upright person and without objects represents
-    the frames nearest to the window's centre. Never negative; 0 in frames outside that scenelet.
+    the frames nearest to the window's centre. At the ends of a clip, where it does not reach, those
+    that reach the frame are compared. Never negative; 0 in frames that no such scenelet reaches.
 
     Parameters
     ----------
@@ -241,29 +242,47 @@ def free_pose_cost(problem: Problem, fits: Fits) -> NDArray[np.float64]:
         The library has no scenelet with an upright person and without objects.
     """
     bare = _bare(problem)
-    empty = empty_state(problem)
-    own = frame_log_likelihood(problem, empty)
-    cost = np.zeros(problem.n_frames)
+    own = frame_log_likelihood(problem, empty_state(problem))
+    cost, frames = np.zeros(problem.n_frames), np.arange(problem.n_frames)
+    away = np.full(problem.n_frames, np.inf)
     fitted = np.flatnonzero(np.isfinite(fits.cost[:, bare]).any(1))
-    if len(fitted) == 0:
-        return cost
-    # At the ends of a clip the nearest window may be one into which no scenelet fits; the first or
-    # last scenelet that fits is used instead.
-    distance = np.abs(np.arange(problem.n_frames)[:, None] - fits.centres[fitted])
-    nearest = fitted[distance.argmin(1)]
+    starts = fits.centres[:, None] - problem.lengths[bare] // 2
+    stops = starts + problem.lengths[bare]
     for w in fitted.tolist():
-        order = bare[np.argsort(fits.cost[w, bare], kind="stable")[:_TRIED]]
-        best, best_total = own, -np.inf
-        for scenelet in order[np.isfinite(fits.cost[w, order])]:
-            start = int(fits.centres[w] - problem.lengths[scenelet] // 2)
-            state = empty.with_item(int(scenelet), start, fits.placements[w, scenelet])
-            values = frame_log_likelihood(problem, state)
-            total = values[start : start + problem.lengths[scenelet]].sum()
-            if total > best_total:
-                best, best_total = values, total
-        mine = nearest == w
+        best, reached = _best_fitting(problem, fits, w, bare[np.isfinite(fits.cost[w, bare])])
+        distance = np.abs(frames - fits.centres[w])
+        mine = reached & (distance < away)
         cost[mine] = np.maximum(own[mine] - best[mine], 0.0)
+        away[mine] = distance[mine]
+    for t in np.flatnonzero(np.isinf(away)).tolist():
+        reaching = np.isfinite(fits.cost[:, bare]) & (starts <= t) & (t < stops)
+        windows = np.flatnonzero(reaching.any(1))
+        if len(windows):
+            w = int(windows[np.abs(fits.centres[windows] - t).argmin()])
+            best, _ = _best_fitting(problem, fits, w, bare[reaching[w]])
+            cost[t] = max(own[t] - best[t], 0.0)
     return cost
+
+
+def _best_fitting(
+    problem: Problem, fits: Fits, window: int, scenelets: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """(T,) log-likelihood of frames under the best of some scenelets in a window, and its frames.
+
+    The scenelets with the least cost of the fit are evaluated exactly.
+    """
+    empty, frames = empty_state(problem), np.arange(problem.n_frames)
+    order = np.argsort(fits.cost[window, scenelets], kind="stable")[:_TRIED]
+    best, reached, best_total = np.zeros(0), np.zeros(0, bool), -np.inf
+    for scenelet in scenelets[order].tolist():
+        start = int(fits.centres[window] - problem.lengths[scenelet] // 2)
+        state = empty.with_item(scenelet, start, fits.placements[window, scenelet])
+        values = frame_log_likelihood(problem, state)
+        inside = (frames >= start) & (frames < start + problem.lengths[scenelet])
+        total = values[inside].sum()
+        if total > best_total:
+            best, reached, best_total = values, inside, total
+    return best, reached
 
 
 # ------------------------------------------------------------------------------------------------

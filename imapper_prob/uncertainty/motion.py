@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.models.calibrated import calibrated
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.kernels.path import draw_segment
 from imapper_prob.models.log_posterior import State
@@ -28,11 +29,14 @@ __all__ = ["JointSummary", "drawn_motion", "height_deviation", "joint_summary"]
 Array = NDArray[np.float64]
 
 
-def drawn_motion(rng: np.random.Generator, problem: Problem, state: State, camera: Camera) -> Array:
+def drawn_motion(
+    rng: np.random.Generator, problem: Problem, state: State, camera: Camera, *, fps: float
+) -> Array:
     """Draw the joints of a state, including the person's deviations from its pose.
 
-    Errors are stationary AR chains: that of the height has the correlation time of the bearing, and
-    those of joints the correlation time of frames.
+    Errors are stationary AR chains: that of the height has the correlation time of the bearing.
+    Those of joints have the integrated autocorrelation that errors of frames have
+    (``frames.correlation_time`` of ``models/calibrated.toml``). They restart with every person.
 
     Parameters
     ----------
@@ -41,6 +45,8 @@ def drawn_motion(rng: np.random.Generator, problem: Problem, state: State, camer
     state : State
     camera : Camera
         Camera of the state.
+    fps : float
+        Frames per second of the clip.
 
     Returns
     -------
@@ -48,7 +54,9 @@ def drawn_motion(rng: np.random.Generator, problem: Problem, state: State, camer
         World frame of the state, metres.
     """
     limbs = limbs_of(problem, state, camera)
-    memory = np.exp(-min(1.0, problem.frame_weight))
+    # An AR(1) chain with memory a has an integrated autocorrelation of (1 + a) / (1 - a) frames.
+    repeated = max(1.0, calibrated("frames.correlation_time") * fps)
+    memory = np.where(problem.path_starts, 0.0, (repeated - 1) / (repeated + 1))
     joints = limbs.drawn(_chain(rng, limbs.joints.shape, memory))
     rise = _error_as_of_bearing(rng, problem)
     joints[..., 2] += (rise * height_deviation(problem, joints))[:, None]
@@ -86,12 +94,12 @@ def _error_as_of_bearing(rng: np.random.Generator, problem: Problem) -> Array:
     return drawn[:, 0]
 
 
-def _chain(rng: np.random.Generator, shape: tuple[int, ...], memory: float) -> Array:
-    """Standard normal AR(1) numbers along the first axis."""
+def _chain(rng: np.random.Generator, shape: tuple[int, ...], memory: Array) -> Array:
+    """Standard normal AR(1) numbers along the first axis, by the (T,) memory of each frame."""
     numbers = rng.standard_normal(shape)
-    numbers[1:] *= np.sqrt(1.0 - memory**2)
     for t in range(1, len(numbers)):
-        numbers[t] += memory * numbers[t - 1]
+        numbers[t] *= np.sqrt(1.0 - memory[t] ** 2)
+        numbers[t] += memory[t] * numbers[t - 1]
     return numbers
 
 

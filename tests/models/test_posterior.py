@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.log_posterior import State, empty_state, log_posterior, motion, terms
-from imapper_prob.models.problem import resample
+from imapper_prob.models.problem import pack_problem, resample
 from imapper_prob.models.settings import ModelSettings
 from tests.models import worlds
 
@@ -137,6 +137,30 @@ def test_the_slowest_film_of_a_motion_has_two_of_its_frames(n_frames: int, fps: 
         len(resample(scenelet.joints, fps=fps, to_fps=rate)) for rate in (least, 0.999 * least)
     )
     assert (min(at_least, 2), slower) == (2, 1)
+
+
+@pytest.mark.parametrize("rate", [5.0, 10.0, 15.0, 25.0, 60.0])
+@pytest.mark.parametrize("length", [2, 7, 16])
+def test_the_middle_of_a_scenelet_stays_its_middle(length: int, rate: float) -> None:
+    joints = np.arange(length)[:, None, None] * np.ones((length, 16, 3))
+    made = resample(joints, fps=10.0, to_fps=rate)
+    assert made[len(made) // 2, 0, 0] == length // 2
+
+
+def test_a_person_of_whom_nothing_is_placed_is_known_no_better_than_nobody() -> None:
+    """Confidences below the least of a placed joint are as none."""
+    joints = worlds.walk(20)
+    clip, path = worlds.clip_of(joints, np.random.default_rng(0)), worlds.path_of(joints)
+    track = clip.tracks[0]
+
+    def scale(confidence: float) -> np.ndarray:
+        confidences = np.array(track.confidences)
+        confidences[10:] = confidence
+        seen = replace(clip, tracks=(replace(track, confidences=confidences),))
+        return pack_problem(seen, path, worlds.camera_prior(), worlds.library()).path_scale
+
+    np.testing.assert_array_equal(scale(0.01), scale(0.0))
+    assert (scale(0.03)[10:] > scale(0.0)[10:]).all()
 
 
 def test_errors_cannot_take_longer_to_change_than_to_be_forgotten() -> None:

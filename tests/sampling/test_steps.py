@@ -53,6 +53,17 @@ def test_walkers_say_of_every_proposal_what_the_model_says(energy: str) -> None:
     assert len(counts) > 2
 
 
+def test_a_density_that_is_no_number_stops_the_chain() -> None:
+    broken = PROBLEM._replace(path_scale=np.full_like(PROBLEM.path_scale, np.nan))
+    moves = moves_of(PROBLEM)
+    scene_chain = SceneChain(PROBLEM, moves, empty_state(PROBLEM))
+    scene_chain.advance(np.random.default_rng(5), Rung(0.5, (0.0,) * 4), 20)
+    with pytest.raises(FloatingPointError):
+        SceneChain(broken, moves, empty_state(broken)).advance(
+            np.random.default_rng(5), Rung(0.5, (0.0,) * 4), 300
+        )
+
+
 @pytest.mark.parametrize("energy", ["default", "paper"])
 def test_compiled_steps_are_those_of_the_sampler(energy: str) -> None:
     """Step by step, from the same numbers at random; values differ in their last digits.

@@ -98,6 +98,30 @@ def test_frames_at_the_ends_of_a_clip_are_judged_too() -> None:
     assert (cost > 1.0).sum() > 0.8 * problem.n_frames
 
 
+def test_scenelets_that_reach_the_ends_judge_the_frames_there() -> None:
+    """The best of a window may leave out frames that others reach."""
+    lengths = (5, 8, 9)
+    motions = [replace(worlds.library(n, objects=False)[0], name=f"bare-{n}") for n in lengths]
+    problem = worlds.problem(31, scenelets=Library("bare", tuple(motions)))
+    path = worlds.path_of(worlds.walk(31))
+    fits = fit_windows(problem, path, fps=10.0)
+    far = problem._replace(keypoints=problem.keypoints + 80.0)
+    far = far._replace(static_density=problem.static_density)
+    # The shortest one fits best everywhere.
+    cost = fits.cost + np.array([0.0, 1e3, 2e3])
+    reached = np.zeros(31, bool)
+    for start, length in zip(
+        (fits.centres[:, None] - problem.lengths // 2)[np.isfinite(cost)],
+        np.broadcast_to(problem.lengths, cost.shape)[np.isfinite(cost)],
+        strict=True,
+    ):
+        reached[start : start + length] = True
+    paid = free_pose_cost(far, replace(fits, cost=cost)) > 1.0
+    assert not paid[~reached].any()
+    assert paid[0]
+    assert paid[reached].all()
+
+
 def test_a_library_without_bare_motions_is_refused() -> None:
     problem = worlds.problem(20)
     fits = Fits(np.arange(0, 20, 4), np.zeros((5, 3, 3)), np.full((5, 3), np.inf))

@@ -114,7 +114,7 @@ def test_limbs_differ_by_the_pose_tolerance_and_the_pelvis_in_height() -> None:
     for state in states[:40]:
         camera = state_camera(source.clip.camera, state)
         expected = limbs_of(problem, state, camera)
-        apart = drawn_motion(rng, problem, state, camera) - expected.joints
+        apart = drawn_motion(rng, problem, state, camera, fps=source.clip.fps) - expected.joints
         off.append(apart)
         limbs = np.delete(apart - apart[:, [PELV]], PELV, axis=1)
         ray, known = (np.delete(a, PELV, axis=1) for a in (expected.rays, expected.known))
@@ -133,6 +133,21 @@ def test_limbs_differ_by_the_pose_tolerance_and_the_pelvis_in_height() -> None:
     summary = posterior().joints()
     # Along the ray, here nearly along y, detections say nothing of a joint.
     assert np.all(summary.standard_deviation[:, 0, 1] >= 0.9 * problem.pose_tolerance[0])
+
+
+def test_deviations_of_joints_last_as_long_as_errors_of_frames_do() -> None:
+    source, states = posterior().solution, posterior().samples.states
+    problem, fps = source.problem, 5.0
+    camera, rng = state_camera(source.clip.camera, states[0]), np.random.default_rng(0)
+    expected = limbs_of(problem, states[0], camera).joints
+    off = [drawn_motion(rng, problem, states[0], camera, fps=fps) - expected for _ in range(40)]
+    # Along the ray, nearly y, where detections say nothing.
+    limbs = np.delete(np.array(off) - np.array(off)[:, :, [PELV]], PELV, axis=2)[..., 1]
+    one, next_one = limbs[:, :-1], limbs[:, 1:]
+    repeated = 1.2 * fps
+    memory = np.sum(one * next_one) / np.sqrt(np.sum(one**2) * np.sum(next_one**2))
+    # Some thousand deviations that are independent.
+    assert memory == pytest.approx((repeated - 1) / (repeated + 1), abs=0.03)
 
 
 def test_the_estimate_of_a_run_is_one_scene() -> None:
