@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from imapper_prob.files import read_toml
 from imapper_prob.models.detector import DetectorSettings
 from imapper_prob.models.errors import (
     InputError,
@@ -280,7 +281,10 @@ def _build(cls: type, values: dict[str, Any], where: str) -> Any:
         if isinstance(value, int | float) and not abs(value) <= _LARGEST:
             raise InputError(f"{where}: {name} = {value!r:.40} is too large to be true")
         arguments[name] = float(value) if number else value
-    return cls(**arguments)
+    try:
+        return cls(**arguments)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from error
 
 
 def _row(value: Any, what: str) -> tuple[float, ...]:
@@ -316,13 +320,8 @@ def read_config(path: str | Path) -> Config:
     7
     """
     path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a TOML file ({error})") from error
-    return from_toml(text, where=str(path))
+    config: Config = _build(Config, read_toml(path), str(path))
+    return config
 
 
 def from_toml(text: str, *, where: str) -> Config:

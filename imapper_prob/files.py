@@ -23,6 +23,7 @@ import os
 import shutil
 import socket
 import time
+import tomllib
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from fnmatch import fnmatchcase
@@ -41,8 +42,9 @@ except ImportError:  # systems without such locks exclude nobody
     fcntl = None  # type: ignore[assignment]
 
 __all__ = [
-    "disk_errors_named", "folder_held", "folder_published", "require_intact", "require_output",
-    "require_own", "require_writable", "without_nan", "written_whole",
+    "disk_errors_named", "folder_held", "folder_published", "read_text", "read_toml",
+    "require_intact", "require_output", "require_own", "require_writable", "without_nan",
+    "written_whole",
 ]  # fmt: skip
 
 _MANIFEST: Final = "manifest.json"
@@ -52,7 +54,10 @@ _LOCK: Final = ".lock"
 _LEFT_BY_A_KILL: Final = (".*.partial-*", ".problem-*")
 """Patterns of temporary files of :func:`written_whole` and of processes of chains."""
 _LONGEST_NAME: Final = 100
-"""Characters of a name that a temporary file's name repeats; file systems allow 255 bytes."""
+"""Bytes of a name that a temporary file's name repeats; file systems allow 255."""
+_LARGEST_TEXT: Final = 128 << 20
+"""Largest text file in bytes, as JSON an hour of one person at 30 Hz; it takes twenty times that in
+memory."""
 _NO_RENAME: Final = (errno.EXDEV, errno.EBUSY)
 """Errors on renaming to a file that is a mount point: its content is replaced instead."""
 _NO_LOCKS: Final = (errno.ENOLCK, errno.ENOTSUP, errno.ENOSYS, errno.EINVAL)
@@ -102,7 +107,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     Path
         Temporary path in the same folder.
     """
-    stem = path.stem[:_LONGEST_NAME]
+    stem = path.stem.encode()[:_LONGEST_NAME].decode(errors="ignore")
     beside = path.with_name(f".{stem}.partial-{uuid4().hex}{path.suffix}")
     try:
         yield beside
@@ -112,6 +117,59 @@ def written_whole(path: Path) -> Iterator[Path]:
     finally:
         beside.unlink(missing_ok=True)
     _note(path)
+
+
+def read_text(path: Path) -> str:
+    """The text of a file of limited size, without a byte order mark.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is a pipe or device, is too large, or is not text.
+    """
+    try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise InputError(f"{path}: is a pipe or device; write its content to a file first")
+        size = path.stat().st_size
+        if size > _LARGEST_TEXT:
+            raise InputError(f"{path}: {size / 2**20:.0f} MB, more than {_LARGEST_TEXT >> 20}")
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: no text file ({error})") from error
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    dict of str to object
+
+    Raises
+    ------
+    InputError
+        See :func:`read_text`, or the file is not TOML.
+    """
+    try:
+        return tomllib.loads(read_text(path))
+    except (ValueError, RecursionError) as error:  # also covers numbers of more than 4,300 digits
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: not a TOML file ({error})") from error
 
 
 def without_nan(value: Any) -> Any:
@@ -335,7 +393,7 @@ def require_output(path: Path, suffix: str, *, of_run: str = "") -> None:
     Raises
     ------
     InputError
-        The suffix differs, or the path is a folder or a file of a run.
+        The suffix differs, or the path is a folder, a file of a run, or cannot be written.
     """
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name a file")
@@ -346,8 +404,9 @@ def require_output(path: Path, suffix: str, *, of_run: str = "") -> None:
         name, listed = absolute.relative_to(folder).as_posix(), {}
         with suppress(InputError):  # a damaged manifest is reported when something is read
             listed = dict(_listed(folder))
-        if name in listed and name != of_run:
+        if (name in listed and name != of_run) or (name == _MANIFEST and path.exists()):
             raise InputError(f"{path}: is a file of the run in {folder}; name another file")
+    require_writable(path.parent)
 
 
 def require_writable(folder: Path) -> None:

@@ -10,9 +10,11 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from imapper_prob.models.errors import InputError, require_number, require_whole
+from imapper_prob.models.settings import LARGEST_IMAGE
 from imapper_prob.models.statement_values import (
     DOUBT,
     LEAST_METRES,
+    MOST_METRES,
     Points,
     as_numbers,
     as_polygon,
@@ -25,6 +27,9 @@ __all__ = ["Behind", "Contact", "ObjectAt", "Presence", "SameObject", "Seen"]
 
 _LEAST_PIXELS: Final = 0.01
 """Least standard deviation of measured edges in a picture, px; chosen, see ``LEAST_METRES``."""
+_LEAST_CLUTTER: Final = 1e-6
+_MOST_CLUTTER: Final = 1e3
+"""Range of the expected number of false detections in a picture; chosen."""
 
 
 @dataclass(frozen=True)
@@ -76,15 +81,29 @@ class ObjectAt:
                 f"object {self}: neither place, size nor box is said; say one, or its presence"
             )
         if self.place is not None:
-            std = require_number(f"place_std of {self}", self.place_std, least=LEAST_METRES)
-            store(self, place=as_numbers(f"the place of {self}", self.place, 2), place_std=std)
+            std = require_number(
+                f"place_std of {self}", self.place_std, least=LEAST_METRES, most=MOST_METRES
+            )
+            store(
+                self,
+                place=as_numbers(f"the place of {self}", self.place, 2, most=MOST_METRES),
+                place_std=std,
+            )
         if self.size is not None:
-            std = require_number(f"size_std of {self}", self.size_std, least=LEAST_METRES)
-            store(self, size=as_numbers(f"the size of {self}", self.size, 3), size_std=std)
+            std = require_number(
+                f"size_std of {self}", self.size_std, least=LEAST_METRES, most=MOST_METRES
+            )
+            store(
+                self,
+                size=as_numbers(f"the size of {self}", self.size, 3, most=MOST_METRES),
+                size_std=std,
+            )
             if not min(self.size) > 0:
                 raise InputError(f"object {self}: its size {self.size} must be positive")
         if self.box is not None:
-            std = require_number(f"box_std of {self}", self.box_std, least=_LEAST_PIXELS)
+            std = require_number(
+                f"box_std of {self}", self.box_std, least=_LEAST_PIXELS, most=LARGEST_IMAGE
+            )
             store(self, box=_box(f"the box of {self}", self.box), box_std=std)
         store(self, doubt=require_doubt(f"object {self}", self.doubt))
 
@@ -130,7 +149,7 @@ class Presence:
         store(
             self,
             there=require_flag(f"there of {_either(self.labels)}", self.there),
-            std=require_number(f"std of {self}", self.std, least=LEAST_METRES),
+            std=require_number(f"std of {self}", self.std, least=LEAST_METRES, most=MOST_METRES),
             doubt=require_doubt(str(self), self.doubt),
         )
 
@@ -339,8 +358,15 @@ class Seen:
             boxes=boxes,
             confusion=confusion,
             rate=require_number("rate", self.rate, above=0, below=1),
-            clutter=require_number("clutter", self.clutter, above=0),
-            std=require_number("std of the boxes in the picture", self.std, least=_LEAST_PIXELS),
+            clutter=require_number(
+                "clutter", self.clutter, least=_LEAST_CLUTTER, most=_MOST_CLUTTER
+            ),
+            std=require_number(
+                "std of the boxes in the picture",
+                self.std,
+                least=_LEAST_PIXELS,
+                most=LARGEST_IMAGE,
+            ),
             person=require_whole("person", self.person, least=1),
             named=named,
         )
@@ -371,7 +397,7 @@ def _span(what: str, first: Any, last: Any) -> tuple[int, int]:
 
 
 def _box(what: str, values: Any) -> tuple[float, ...]:
-    left, top, right, bottom = box = as_numbers(what, values, 4)
+    left, top, right, bottom = box = as_numbers(what, values, 4, most=10.0 * LARGEST_IMAGE)
     if not (left < right and top < bottom):
         raise InputError(f"{what} must be left, top, right, bottom in pixels, not {box}")
     return box

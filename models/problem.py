@@ -366,7 +366,7 @@ def pack_problem(
         raise InputError(f"clip {clip.name}: the static path has {len(path.lift)} frames")
     # As in the static path, a joint of less confidence says that it is hidden, but not where.
     placed = clip.tracks[0].confidences[:, list(DETECTED)] >= ERROR_EDGES[0]
-    seen: NDArray[np.bool_] = placed.any(1)
+    seen = np.any(placed, axis=1)
     problem = Problem(
         **_seen(clip, clip.tracks[0], path, detections or DetectionModel()),
         **_walked(clip, path, camera, settings, starts, seen),

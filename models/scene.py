@@ -62,6 +62,8 @@ SEATS: Final = frozenset({"armchair", "bench", "chair", "couch", "sofa", "stool"
 """Labels of seats, which motion hardly distinguishes."""
 
 
+_LARGEST_FRAME: Final = 2**53
+"""Frame numbers are smaller, so that every number format holds them exactly."""
 _LARGEST_BODY: Final = 10.0
 """Largest distance of a joint from the pelvis, metres: four tall people."""
 
@@ -496,9 +498,11 @@ class Clip:
         object.__setattr__(self, "name", _word(self.name, "the name of a clip"))
         given = np.asarray(self.frame_ids)
         whole = given.ndim == 1 and given.dtype.kind in "iuf" and np.isfinite(given).all()
-        if not whole or np.any(given % 1) or np.any(np.diff(given) != 1):
+        if not whole or np.any(given % 1) or np.any(abs(given.astype(float)) >= _LARGEST_FRAME):
             raise InputError(f"clip {self.name}: frame ids must be consecutive integers")
         ids = np.array(given, dtype=np.int64)
+        if np.any(np.diff(ids) != 1):
+            raise InputError(f"clip {self.name}: frame ids must be consecutive integers")
         object.__setattr__(self, "tracks", tuple(self.tracks))
         called = [track.name for track in self.tracks]
         if len(set(called)) < len(called):

@@ -268,10 +268,15 @@ class ModelSettings:
             "walk_bearing", "walk_log_depth", "correlation_time_bearing", "correlation_time_depth",
             "start_bearing", "start_log_depth", "start_depth", "scenelet_rate", "size_spread",
             "facing_spread", "joint_step", "paper_nats", "furniture_aside", "furniture_ahead",
-            "support_angle", "support_slope", "support_time",
+            "support_angle", "support_slope", "support_time", "merge_angle",
         ):  # fmt: skip
             if not getattr(self, name) > 0:
                 raise InputError(f"model setting {name} = {getattr(self, name)} must be positive")
+        for name in ("likelihood", "collision_cost", "motion_cost", "smoothness_cost"):
+            if not getattr(self, name) >= 0:
+                raise InputError(
+                    f"model setting {name} = {getattr(self, name)} must not be negative"
+                )
         if len(self.pose_tolerance) != N_JOINTS or not all(s > 0 for s in self.pose_tolerance):
             raise InputError(
                 f"model setting pose_tolerance = {self.pose_tolerance} must be {N_JOINTS} positive "

@@ -66,6 +66,9 @@ _ROOM_AREA: Final = 100.0
 room."""
 _LARGEST_SIDE: Final = 3.0
 """Largest side in metres of the object size in a random answer, which is uniform; chosen."""
+_BEYOND: Final = 0.1
+"""Share of a picture's side by which a box may end outside of it; chosen. A box given by its
+corners in place of its size ends farther out."""
 _FAR_APART: Final = 6.0
 """Distance in standard deviations at which two measurements contradict each other; chosen."""
 
@@ -173,6 +176,12 @@ def _check_view(statement: Statement, clip: Clip) -> None:
             raise InputError(
                 f"{describe(statement)}: the box {left:g}, {top:g}, {right:g}, {bottom:g} is "
                 f"outside the picture of {width} x {height} px"
+            )
+        beyond = max(-left / width, -top / height, right / width - 1, bottom / height - 1)
+        if beyond > _BEYOND:
+            raise InputError(
+                f"{describe(statement)}: the box {left:g}, {top:g}, {right:g}, {bottom:g} ends "
+                f"far outside the picture of {width} x {height} px; is it of another image size?"
             )
     places: Sequence[tuple[float, ...]] = ()
     match statement:

@@ -32,6 +32,8 @@ _LEAST_DOUBT: Final = 1e-12
 LEAST_METRES: Final = 1e-4
 """Least standard deviation of measured lengths, m; chosen. Nobody measures furniture better, and
 much smaller ones are lost in rounding."""
+MOST_METRES: Final = 1e3
+"""Largest length of a statement, m; chosen, more than any room. Millimetres are beyond it."""
 
 
 def store(statement: Any, **values: Any) -> None:
@@ -95,7 +97,7 @@ def require_flag(what: str, value: Any) -> bool:
     return bool(value)
 
 
-def as_numbers(what: str, values: Any, count: int) -> tuple[float, ...]:
+def as_numbers(what: str, values: Any, count: int, *, most: float) -> tuple[float, ...]:
     """Convert values to finite numbers.
 
     Parameters
@@ -105,6 +107,8 @@ def as_numbers(what: str, values: Any, count: int) -> tuple[float, ...]:
     values : array_like
     count : int
         How many there have to be.
+    most : float
+        Largest magnitude.
 
     Returns
     -------
@@ -113,11 +117,13 @@ def as_numbers(what: str, values: Any, count: int) -> tuple[float, ...]:
     Raises
     ------
     InputError
-        They are no finite numbers, or of another number.
+        They are no finite numbers, too large, or of another number.
     """
     array = _finite(values)
     if array.shape != (count,):
         raise InputError(f"{what} must be {count} finite numbers, not {values!r:.80}")
+    if (np.abs(array) > most).any():
+        raise InputError(f"{what}: {values!r:.80}; {most:g} at most")
     return tuple(array.tolist())
 
 
@@ -143,6 +149,8 @@ def as_polygon(what: str, corners: Any) -> Points:
     array = _finite(corners)
     if array.shape[1:] != (2,) or len(array) < 3:
         raise InputError(f"{what} must be three or more corners (x, y) in metres")
+    if (np.abs(array) > MOST_METRES).any():
+        raise InputError(f"{what}: a corner is more than {MOST_METRES:g} m away")
     polygon = Polygon(array)
     if not polygon.is_valid or polygon.area <= 0:
         raise InputError(f"{what} must be a polygon whose sides do not cross")

@@ -32,6 +32,7 @@ from imapper_prob.models.skeleton import JOINTS
 from imapper_prob.models.statement_values import (
     DOUBT,
     LEAST_METRES,
+    MOST_METRES,
     Points,
     as_numbers,
     as_polygon,
@@ -60,6 +61,8 @@ _RANGES: Final = {
 """Range of each quantity that can be measured: degrees, metres, pixels, metres."""
 QUANTITIES: Final = tuple(_RANGES)
 """Quantities that can be measured; the index is their number in a problem."""
+_FINEST: Final = 1e-6
+"""Least standard deviation of a measurement over the range of its quantity; chosen."""
 _LEAST_SHARE: Final = 1e-4
 """Least standard deviation of relative depths; chosen, see ``LEAST_METRES``."""
 
@@ -97,7 +100,9 @@ class Measured:
         store(
             self,
             value=require_number(what, self.value, above=least, below=most),
-            std=require_number(f"the std of {what}", self.std, above=0),
+            std=require_number(
+                f"the std of {what}", self.std, least=_FINEST * (most - least), most=most - least
+            ),
         )
 
 
@@ -132,7 +137,7 @@ class Room:
         store(
             self,
             walls=as_polygon("the walls of the room", self.walls),
-            std=require_number("std of the walls", self.std, least=LEAST_METRES),
+            std=require_number("std of the walls", self.std, least=LEAST_METRES, most=MOST_METRES),
             doubt=require_doubt("the room", self.doubt),
         )
 
@@ -176,8 +181,13 @@ class JointAt:
             self,
             frame=require_whole("frame", self.frame),
             person=require_whole("person", self.person, least=1),
-            point=as_numbers(f"the point of {self.joint}", self.point, 3),
-            std=require_number(f"std of the point of {self.joint}", self.std, least=LEAST_METRES),
+            point=as_numbers(f"the point of {self.joint}", self.point, 3, most=MOST_METRES),
+            std=require_number(
+                f"std of the point of {self.joint}",
+                self.std,
+                least=LEAST_METRES,
+                most=MOST_METRES,
+            ),
         )
 
 
@@ -223,10 +233,17 @@ class DepthOf:
             self,
             frames=tuple(require_whole("frame", frame) for frame in self.frames),
             person=require_whole("person", self.person, least=1),
-            error=require_number(f"error of the {depths_of}", self.error, least=_LEAST_SHARE),
-            scale_error=require_number("scale_error", self.scale_error, least=0),
+            error=require_number(
+                f"error of the {depths_of}", self.error, least=_LEAST_SHARE, most=1
+            ),
+            scale_error=require_number("scale_error", self.scale_error, least=0, most=1),
         )
-        depths = as_numbers("depths, one for each frame,", self.depths, len(self.frames))
+        depths = as_numbers(
+            f"{depths_of}, one for each frame, in metres,",
+            self.depths,
+            len(self.frames),
+            most=MOST_METRES,
+        )
         if not depths or len(set(self.frames)) < len(depths):
             raise InputError(f"{depths_of}: say each frame once, and at least one")
         if not min(depths) > NEAREST:

@@ -29,7 +29,8 @@ def test_settings_survive_a_file(tmp_path: Path) -> None:
     [
         ("sed = 3", "unknown setting 'sed'"),
         ("[model]\nsight_width = 'wide'", "must be of type float"),
-        ("[model]\nsight_width = -1.0", "must be positive"),
+        ("[model]\nsight_width = -1.0", r"config\.toml \[model\]: .*must be positive"),
+        ("[model]\nlikelihood = -1.0", "likelihood = -1.0 must not be negative"),
         ("[model]\npose_tolerance = 0.08", "must be a list of numbers"),
         ("[model]\npose_tolerance = [0.1, 0.1]", "must be 16 positive numbers, of RANK"),
         ("[sample]\nsteps = true", "must be of type int"),

@@ -217,8 +217,14 @@ def test_a_folder_that_cannot_be_is_refused_in_a_sentence(tmp_path: Path) -> Non
             files.require_writable(folder)
 
 
+def test_the_manifest_is_a_file_of_the_run(folder: Path) -> None:
+    with pytest.raises(InputError, match="is a file of the run"):
+        files.require_output(folder / "manifest.json", ".json")
+    files.require_output(folder / "other.json", ".json")
+
+
 def test_a_long_name_is_written(tmp_path: Path) -> None:
-    path = tmp_path / f"{'ä' * 120}.txt"
+    path = tmp_path / f"{'😀' * 60}.txt"
     with written_whole(path) as beside:
         beside.write_text("x")
     assert path.read_text() == "x"

@@ -64,7 +64,7 @@ def add_ask_command(
 
 
 def _ask(options: argparse.Namespace) -> None:
-    from imapper_prob.clips.statements_file import read_statements
+    from imapper_prob.clips.statements_file import check_file, read_statements
     from imapper_prob.results.changes import change_table, changes
     from imapper_prob.results.folders import run_folder, write_run
     from imapper_prob.results.load import load_posterior
@@ -79,6 +79,9 @@ def _ask(options: argparse.Namespace) -> None:
     statements = read_statements(options.given)
     before = load_posterior(options.folder)
     library = None if options.library is None else load_library(options.library)
+    check_file(
+        options.given, statements, before.clip, library or load_library(before.config.library)
+    )
     with run_folder(options.output, overwrite=options.overwrite), progress_bars() as progress:
         after = before.given(
             statements,

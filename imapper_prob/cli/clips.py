@@ -210,6 +210,8 @@ def _require_new_files(options: argparse.Namespace) -> None:
     for path in (output, picture):
         if path is None:
             continue
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder; name a file")
         if path.exists() and not options.overwrite:
             raise InputError(f"{path} exists; name another file, or say --overwrite")
         if not path.parent.is_dir():

@@ -71,7 +71,7 @@ from imapper_prob.evaluate.tables import (
     top_view_figure,
 )
 from imapper_prob.evaluate.truth import TruthInView
-from imapper_prob.files import disk_errors_named, written_whole
+from imapper_prob.files import disk_errors_named, require_writable, written_whole
 from imapper_prob.models.errors import InputError
 from imapper_prob.plotting import save_figure
 from imapper_prob.results.load import load_posterior
@@ -126,9 +126,9 @@ def _runs(options: argparse.Namespace) -> None:
     output = options.output or options.results[0]
     if output.is_file():
         raise InputError(
-            f"{output}: is a prediction file; name a folder for evaluation.json and pictures with "
-            "-o DIR"
+            f"{output}: is a file; name a folder for evaluation.json and pictures with -o DIR"
         )
+    require_writable(output)
     known, predictions, posteriors = _read(options)
     everything = (*predictions, *known.others)
     evaluation = evaluate([(known.truth, everything)], posteriors)

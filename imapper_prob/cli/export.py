@@ -85,6 +85,8 @@ def _export(options: argparse.Namespace) -> None:
     from imapper_prob.results.glb import write_glb
     from imapper_prob.results.load import load_posterior
 
+    if options.samples < 0:
+        raise InputError(f"--samples {options.samples}: at least 0 are needed")
     if options.samples and options.format != "json":
         raise InputError("--samples is of use with --format json only")
     out: Path = options.output

@@ -287,7 +287,7 @@ def _begun_or_gone_on_with(
 ) -> None:
     """Sample a clip into a folder, or continue the run that exists there."""
     from imapper_prob.cli.going_on import config_to_go_on, nothing_to_do, require_same_input
-    from imapper_prob.clips.statements_file import read_statements
+    from imapper_prob.clips.statements_file import check_file, read_statements
     from imapper_prob.models.statements import to_json
     from imapper_prob.results.folders import earlier_run, restore_chains, run_folder
     from imapper_prob.sampling.blocks import Limits
@@ -313,6 +313,8 @@ def _begun_or_gone_on_with(
                 return
         library = load_library(config.library)
         clip = read_clip(library)
+        if given:
+            check_file(options.given, given, clip, library)
         if earlier is not None:
             said = to_json(given) if given else ""
             require_same_input(earlier, clip_digest(clip), library.digest, said)

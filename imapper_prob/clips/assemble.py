@@ -202,6 +202,8 @@ def _written_out(text: str) -> Knots:
 _log = logging.getLogger(__name__)
 _HIGHEST_SCORE: Final = 1.5
 """Highest score of a format with scores in [0, 1]: peaks of heat maps exceed 1 a little; chosen."""
+_IN_PICTURE: Final = 0.5
+"""Least share of detected joints inside of the picture; chosen. A detector sees nothing outside."""
 _FRAME_RATE: Final = 30.0
 """Frames a second if neither files nor user say; usual for cameras and phones."""
 
@@ -235,6 +237,7 @@ def assemble(sightings: RawDetections, options: ClipOptions) -> Clip:
     if options.confidence is None and sightings.map_name != "mmpose":
         _require_scores(sightings, scores)
     confidences = confidence_map(options.confidence or sightings.map_name)(scores)
+    _require_in_picture(keypoints, confidences, size)
     camera, spread = camera_of(name, options, size=size, likely_focal=sightings.likely_focal)
     fps = options.fps or sightings.fps
     if fps is None:
@@ -256,6 +259,17 @@ def assemble(sightings: RawDetections, options: ClipOptions) -> Clip:
         ),
         focal_spread=spread,
     )
+
+
+def _require_in_picture(keypoints: Array, confidences: Array, size: tuple[int, int]) -> None:
+    """Refuse an image size that most detections are outside of."""
+    there = (confidences > 0) & np.isfinite(keypoints).all(-1)
+    inside = (keypoints >= 0).all(-1) & (keypoints <= size).all(-1)
+    if there.any() and (inside & there).sum() < _IN_PICTURE * there.sum():
+        raise InputError(
+            f"{(there & ~inside).sum()} of {there.sum()} detected joints are outside of images of "
+            f"{size[0]} x {size[1]}; say the size of the image that the detector got (--size)"
+        )
 
 
 def _require_scores(sightings: RawDetections, scores: Array) -> None:

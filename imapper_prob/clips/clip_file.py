@@ -29,8 +29,6 @@ actor's motion is known, or A T with all actors concatenated.
 
 from __future__ import annotations
 
-import zipfile
-import zlib
 from dataclasses import astuple
 from pathlib import Path
 from typing import Any, Final
@@ -38,7 +36,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from imapper_prob.clips.parsing import Arrays, refuse_bombs
+from imapper_prob.clips.parsing import Arrays, load_archive
 from imapper_prob.files import written_whole
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
@@ -57,17 +55,6 @@ __all__ = ["FORMAT", "clip_of", "pack_clip", "read_clip", "write_clip"]
 
 FORMAT: Final = "imapper-prob clip 1"
 """First entry of the file; the number increases when old readers would misread a new file."""
-
-_DAMAGE: Final = (
-    OSError,
-    ValueError,
-    TypeError,
-    EOFError,
-    RuntimeError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
-"""Exceptions that numpy and zipfile raise on damaged archives, found by trial."""
 
 
 def write_clip(path: str | Path, clip: Clip) -> None:
@@ -147,7 +134,7 @@ def read_clip(path: str | Path) -> Clip:
         The file is missing, damaged, of another version, or does not hold a valid clip.
     """
     path = Path(path)
-    return clip_of(_load(path), path)
+    return clip_of(load_archive(path, what="clip"), path)
 
 
 def clip_of(arrays: Arrays, path: Path) -> Clip:
@@ -197,21 +184,6 @@ def clip_of(arrays: Arrays, path: Path) -> Clip:
     except InputError as error:
         message = str(error)
         raise InputError(message if str(path) in message else f"{path}: {message}") from error
-
-
-def _load(path: Path) -> Arrays:
-    """All entries of the archive, read without unpickling."""
-    try:
-        with path.open("rb") as file:
-            refuse_bombs(file)
-            with np.load(file, allow_pickle=False) as archive:
-                return {name: archive[name] for name in archive.files}
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except _DAMAGE as error:
-        raise InputError(f"{path}: not a readable .npz archive ({error})") from error
 
 
 def _entry(

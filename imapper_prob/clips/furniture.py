@@ -249,7 +249,7 @@ def check_owners(arrays: Arrays, key: str, owners: str) -> None:
     InputError
         An index is out of range or out of order.
     """
-    index = arrays[key]
+    index = arrays[key].astype(np.int64)  # differences of unsigned numbers are not negative
     if ((index < 0) | (index >= len(arrays[owners]))).any():
         raise InputError(f"{key} names one that does not exist")
     if (np.diff(index) < 0).any():

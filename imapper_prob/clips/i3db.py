@@ -21,15 +21,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.clips.assemble import HEAT_GAIN, HEAT_OFFSET
 from imapper_prob.clips.furniture import MeasuredBox, upright_object
-from imapper_prob.clips.options import NOMINAL_ELEVATION
+from imapper_prob.clips.options import NOMINAL_ELEVATION, check_matrix
 from imapper_prob.clips.parsing import (
     field,
     frame_number,
     frames_of_joints,
     load_json,
-    load_lines,
     numbers,
 )
+from imapper_prob.files import read_text
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import Clip, SceneObject, Track, Truth
@@ -67,6 +67,8 @@ _FRAME_RATE: Final = 10.0
 """Frames a second if ``video_params.json`` does not say."""
 _NOMINAL_PITCH: Final = np.deg2rad(-4.0)
 """Mean pitch of the benchmark's cameras in radians; the files' ``ground_rot`` is 0 and wrong."""
+_LEAST_HEAT: Final = -700.0
+"""Least exponent of a logistic function that a double holds."""
 _RAW_CONFIDENCE_LIMIT: Final = 0.05
 """Largest confidence below which a file holds raw heat values; its own flag is unreliable."""
 
@@ -254,6 +256,7 @@ def _camera(path: Path) -> Camera:
     matrix = numbers(load_json(path), shape=(3, 3), place=f"{path}: intrinsic matrix")
     width, height = _IMAGE_SIZE
     try:
+        check_matrix(matrix)
         return Camera(
             width=width,
             height=height,
@@ -295,7 +298,7 @@ def _confidences(path: Path, data: Any, frames: list[int]) -> dict[int, Array]:
             row[joint] = numbers(value, shape=(), place=place)
     if table.max() <= _RAW_CONFIDENCE_LIMIT:
         heat = HEAT_GAIN * table + HEAT_OFFSET
-        mapped = 1 / (1 + np.exp(-heat))
+        mapped = 1 / (1 + np.exp(-np.maximum(heat, _LEAST_HEAT)))
         mapped[table < 0] = 0
         mapped[:, [j for j in range(N_JOINTS) if j not in DETECTED]] = 0
         table = mapped
@@ -443,7 +446,7 @@ def action_words(path: Path, n_frames: int) -> tuple[str, ...]:
     if not path.exists():
         return ()
     words: dict[int, str] = {}
-    for line in load_lines(path):
+    for line in read_text(path).splitlines():
         if line.strip():
             number, _, word = line.partition("\t")
             words[frame_number(path, number)] = word.strip()

@@ -23,7 +23,8 @@ from imapper_prob.clips.options import (
     check_matrix,
     check_rotation,
 )
-from imapper_prob.clips.parsing import Arrays, Shapes, check_shapes, load_archive, load_lines
+from imapper_prob.clips.parsing import Arrays, Shapes, check_shapes, load_archive
+from imapper_prob.files import read_text
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.settings import LONGEST_CLIP
 from imapper_prob.models.skeleton import JOINTS, PELV
@@ -64,7 +65,8 @@ def _read_trc_table(path: Path) -> TrcTable:
     InputError
         The file is damaged, or frames are missing or out of order.
     """
-    lines = load_lines(path)
+    text = read_text(path)
+    lines = text.splitlines()
     if len(lines) < 6 or not lines[0].startswith(MAGIC):
         raise InputError(f"{path}: no TRC file, or cut off in its header")
     keys, values = lines[1].split("\t"), lines[2].split("\t")
@@ -94,11 +96,13 @@ def _read_trc_table(path: Path) -> TrcTable:
         frames.append(_number(path, number, parts[0]))
         parts = parts[2 : 2 + row.size]
         if len(parts) < row.size:
+            if number == len(lines) and not text.endswith("\n"):
+                raise InputError(f"{path}, line {number}: cut off; copy the file again")
             parts += [""] * (row.size - len(parts))  # programs often drop trailing empty cells
         values_of_row = [_number(path, number, part) if part else np.nan for part in parts]
         row[:] = np.reshape(values_of_row, row.shape)
     first = frames[0]
-    if not (np.isfinite(first) and float(first).is_integer()):
+    if not (abs(first) < 2**53 and float(first).is_integer()):
         raise InputError(f"{path}, line {rows[0][0]}: frame {first} is no whole number")
     out_of_order = np.flatnonzero(np.array(frames) != first + np.arange(len(frames)))
     if len(out_of_order):
@@ -233,6 +237,8 @@ def _from_arrays(
     joints = arrays["joints"]
     if joints.dtype.kind not in "fiu" or joints.ndim not in (3, 4) or joints.shape[-1] != 3:
         raise InputError(f"joints are {joints.dtype} {joints.shape}, expected (T, J, 3) numbers")
+    if not joints.size:
+        raise InputError(f"joints have the shape {joints.shape}: there are none")
     joints = joints.astype(np.float64).reshape(-1, *joints.shape[-3:])
     actors, frames, count, _ = joints.shape
     if not 0 < frames <= LONGEST_CLIP:

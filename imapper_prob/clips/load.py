@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import codecs
 import zipfile
 from collections import Counter
 from dataclasses import replace
@@ -217,7 +218,9 @@ def _seen(path: Path) -> str:
     if path.suffix == ".nc":
         return "the draws of a run; give the clip that it was made of"
     with path.open("rb") as file:
-        beginning = file.read(64)
+        beginning = file.read(64).removeprefix(codecs.BOM_UTF8)
+    if not beginning.strip():
+        return "an empty file"
     if beginning.lstrip()[:1] in (b"[", b"{"):
         return (
             "JSON of another kind; expected results of MMPose or AlphaPose ('keypoints'), a "
@@ -232,7 +235,7 @@ def _seen(path: Path) -> str:
 
 def _format_of_file(path: Path) -> str | None:
     with path.open("rb") as file:
-        beginning = file.read(64)
+        beginning = file.read(64).removeprefix(codecs.BOM_UTF8)
     if beginning.startswith(b"PK"):
         try:
             with zipfile.ZipFile(path) as archive:
@@ -300,11 +303,12 @@ def read_whatever(path: Path, options: ClipOptions) -> Clip:
             )
             raise InputError(f"{path}: a clip of format {form} has its own {given[0]}; {advice}")
         return read_i3db(path) if form == "i3db" else read_clip(path)
-    sightings, options = _read(path, form, options)
     try:
+        sightings, options = _read(path, form, options)
         return assemble(sightings, options)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from error
+        message = str(error)
+        raise InputError(message if str(path) in message else f"{path}: {message}") from error
 
 
 def _chosen(path: Path, options: ClipOptions) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import tomllib
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
@@ -14,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from imapper_prob.clips.identity import Marks
 from imapper_prob.clips.parsing import load_json, numbers
+from imapper_prob.files import read_toml
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError, require_kind, require_whole
 from imapper_prob.models.scene import MEASURED_FOCAL
@@ -51,6 +51,8 @@ _KEYS: Final = {
 _DISTORTION_LENGTHS: Final = (4, 5, 8)
 _LARGEST: Final = 1e6
 """Pixels of focal length or principal point beyond which a value counts as damaged."""
+_SKEW: Final = 1e-3
+"""Largest skew over focal length that counts as none; the model has no skew."""
 _STEPS: Final = 50
 """Iterations of undistortion; where more are needed, the lens model is unreliable anyway."""
 _STRAIGHT: Final = 1e-6
@@ -202,7 +204,7 @@ def read_camera(path: str | Path) -> CameraFile:
     path = Path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file; name the file of a camera")
-    data = _toml(path) if path.suffix == ".toml" else load_json(path)
+    data = read_toml(path) if path.suffix == ".toml" else load_json(path)
     if not isinstance(data, dict):
         raise InputError(f"{path}: expected a table of camera entries")
     unknown = sorted(set(map(str, data)) - set(_KEYS))
@@ -251,6 +253,7 @@ def check_matrix(matrix: Array) -> None:
         It is not; the message lacks the file's name, which the caller adds.
     """
     usual = matrix[2].tolist() == [0, 0, 1] and min(matrix[0, 0], matrix[1, 1]) > 0
+    usual &= abs(matrix[0, 1]) <= _SKEW * matrix[0, 0] and matrix[1, 0] == 0
     if not (usual and (np.abs(matrix) <= _LARGEST).all()):
         raise InputError(
             "matrix must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] in pixels, fx and fy positive"
@@ -374,15 +377,6 @@ def _distortion(points: Array, coefficients: Array) -> tuple[Array, Array]:
         [2 * p1 * x * y + p2 * (r2 + 2 * x**2), p1 * (r2 + 2 * y**2) + 2 * p2 * x * y], -1
     )
     return radial[..., None], shift
-
-
-def _toml(path: Path) -> Any:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not a TOML file ({error})") from error
 
 
 def _value(path: Path, key: str, value: Any) -> Array:

@@ -16,6 +16,7 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from imapper_prob.files import read_text
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import JOINTS, N_JOINTS
 
@@ -29,46 +30,12 @@ __all__ = [
     "frames_of_joints",
     "load_archive",
     "load_json",
-    "load_lines",
     "numbers",
-    "refuse_bombs",
 ]
 
 Array = NDArray[np.float64]
-_LARGEST_JSON: Final = 128 << 20
-"""Largest JSON file in bytes, an hour of one person at 30 Hz; it takes twenty times that in
-memory."""
-
-
 LARGEST_NUMBER: Final = 1e100
 """Bound on any measured value; its square is still finite."""
-
-
-def load_lines(path: Path) -> list[str]:
-    """Read the lines of a text file of limited size.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    list of str
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is too large, or is not text.
-    """
-    try:
-        size = path.stat().st_size
-        if size > _LARGEST_JSON:
-            raise InputError(f"{path}: {size / 2**20:.0f} MB, more than {_LARGEST_JSON >> 20}")
-        return path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: no text file ({error})") from error
 
 
 def load_json(path: Path) -> Any:
@@ -85,25 +52,28 @@ def load_json(path: Path) -> Any:
     Raises
     ------
     InputError
-        The file cannot be read, is too large, or is not JSON.
+        The file cannot be read, is too large, is not JSON, or has a key twice in one object.
     """
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    text = read_text(path)
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        table = dict(pairs)
+        if len(table) < len(pairs):
+            keys = [key for key, _ in pairs]
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise InputError(f"{path}: key {twice!r:.60} occurs twice in one object; keep one")
+        return table
+
     try:
-        size = path.stat().st_size
-        if size > _LARGEST_JSON:
-            raise InputError(
-                f"{path}: {size / 2**20:.0f} MB, more than {_LARGEST_JSON >> 20}; cut the clip"
-            )
-        return json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; a clip of this format needs it") from None
+        return json.loads(text, object_pairs_hook=unique)
     except InputError:
         raise
     except (ValueError, RecursionError) as error:  # also covers numbers of more than 4,300 digits
         raise InputError(
             f"{path}: not valid JSON ({error}); it may be cut off, copy it again"
         ) from error
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
 
 
 def field(path: Path, data: Any, *keys: str) -> Any:
@@ -255,7 +225,7 @@ _LARGEST: Final = 1 << 29
 """Largest unpacked size of an archive in bytes: a hundred times the longest clip."""
 
 
-def refuse_bombs(file: BinaryIO) -> None:
+def _refuse_bombs(file: BinaryIO) -> None:
     """Check the declared sizes of an archive before any of it is unpacked.
 
     A few kilobytes can declare terabytes, as zip members or as an array's shape. Members are never
@@ -268,7 +238,8 @@ def refuse_bombs(file: BinaryIO) -> None:
     Raises
     ------
     InputError
-        It would take more memory than :data:`_LARGEST`, or arrays declare more data than is stored.
+        It would take more memory than :data:`_LARGEST`, an entry is no array, or arrays declare
+        more data than is stored.
     zipfile.BadZipFile, ValueError, OSError
         The file is not an archive of arrays.
     """
@@ -282,7 +253,7 @@ def refuse_bombs(file: BinaryIO) -> None:
             )
         for member in members:
             if not member.filename.endswith(".npy"):
-                continue
+                raise InputError(f"entry {member.filename} is no array")
             with archive.open(member) as entry:
                 major, _ = np.lib.format.read_magic(entry)
                 read = {1: np.lib.format.read_array_header_1_0}.get(
@@ -316,7 +287,7 @@ def load_archive(path: Path, *, what: str) -> Arrays:
         raise InputError(f"{what} {path}: no such file")
     try:
         with path.open("rb") as file:
-            refuse_bombs(file)
+            _refuse_bombs(file)
             with np.load(file, allow_pickle=False) as archive:
                 return {key: archive[key] for key in archive.files}
     except InputError as error:

@@ -20,7 +20,7 @@ from imapper_prob.clips.assemble import FARTHEST, RawDetections
 from imapper_prob.clips.keypoints import KEYPOINT_SETS, joints_by_name, not_reported, sixteen
 from imapper_prob.clips.parsing import field, frame_number, load_json, numbers
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.settings import LONGEST_CLIP, MOST_PEOPLE
+from imapper_prob.models.settings import LARGEST_IMAGE, LONGEST_CLIP, MOST_PEOPLE
 from imapper_prob.models.skeleton import DETECTED, JOINTS, PELV
 
 __all__ = [
@@ -194,8 +194,11 @@ def _identity(entry: dict[str, Any]) -> str:
         given = entry.get(key)
         if isinstance(given, list) and len(given) == 1:
             given = given[0]
+        if isinstance(given, str) and given:
+            return given
         if isinstance(given, int | float) and not isinstance(given, bool) and given == given:
-            return f"{given:g}"
+            whole = isinstance(given, int) or given.is_integer()
+            return str(int(given) if whole else given)
     return ""
 
 
@@ -218,6 +221,10 @@ _MOST_PROPOSALS: Final = 2_000
 """Most proposals in one group; LCR-Net++ evaluates some thousand regions of an image."""
 
 
+_MOST_SCORE: Final = 700.0
+"""Largest exponent of a double."""
+
+
 def proposal_variance(positions: ArrayLike, score: float) -> Array:
     """The variances v_k of one group of proposals.
 
@@ -235,7 +242,7 @@ def proposal_variance(positions: ArrayLike, score: float) -> Array:
     """
     positions = np.asarray(positions, float)
     variance = ((positions - positions.mean(0)) ** 2).sum(-1).mean(0)
-    result: Array = variance / (1.0 + np.exp(-0.2 * score + 3.5))
+    result: Array = variance / (1.0 + np.exp(min(-0.2 * score + 3.5, _MOST_SCORE)))
     return result
 
 
@@ -340,7 +347,10 @@ def read_proposals(path: Path) -> RawDetections:
     frames = np.array([g.frame for g in groups], np.int64)
     size = data.get("size")
     if size is not None:
-        width, height = numbers(size, shape=(2,), place=f"{path}: size").astype(int).tolist()
+        sides = numbers(size, shape=(2,), place=f"{path}: size")
+        if not (np.abs(sides) <= LARGEST_IMAGE).all():
+            raise InputError(f"{path}: size {size!r:.60}; {LARGEST_IMAGE} a side at most")
+        width, height = sides.astype(int).tolist()
         size = (width, height)
     return RawDetections(
         name=path.stem,

@@ -7,17 +7,16 @@ keys are refused; messages name the table.
 from __future__ import annotations
 
 import csv
-import json
-import tomllib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from imapper_prob.clips.parsing import load_archive
+from imapper_prob.clips.parsing import LARGEST_NUMBER, load_archive, load_json, numbers
+from imapper_prob.files import read_text, read_toml
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.furniture_statements import (
     Behind,
@@ -27,10 +26,14 @@ from imapper_prob.models.furniture_statements import (
     SameObject,
     Seen,
 )
+from imapper_prob.models.problem import labels_of
+from imapper_prob.models.scene import Clip
+from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import LARGEST_IMAGE
+from imapper_prob.models.statement_rows import check_statements
 from imapper_prob.models.statements import DepthOf, JointAt, Measured, Room, Statement
 
-__all__ = ["read_statements"]
+__all__ = ["check_file", "read_statements"]
 
 _MEASURED: Final = {"camera": ("pitch", "height", "focal"), "person": ("stature",)}
 _LOWEST_SCORE: Final = 0.3
@@ -62,12 +65,7 @@ def read_statements(path: str | Path) -> tuple[Statement, ...]:
     (Measured(quantity='height', value=1.6, std=0.02),)
     """
     path = Path(path)
-    try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not a TOML file ({error})") from error
+    tables = read_toml(path)
     unknown = sorted(set(tables) - {*_MEASURED, *_READERS})
     if unknown:
         raise InputError(
@@ -88,6 +86,28 @@ def read_statements(path: str | Path) -> tuple[Statement, ...]:
     if not statements:
         raise InputError(f"{path}: says nothing")
     return tuple(statements)
+
+
+def check_file(path: Path, statements: Sequence[Statement], clip: Clip, library: Library) -> None:
+    """Refuse statements of a file that no scene of a clip and library can fulfil.
+
+    Parameters
+    ----------
+    path : Path
+    statements : sequence of Statement
+        Those of the file.
+    clip : Clip
+    library : Library
+
+    Raises
+    ------
+    InputError
+        See :func:`imapper_prob.models.statement_rows.check_statements`; the message names the file.
+    """
+    try:
+        check_statements(statements, clip, labels_of(library))
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def _measured(name: str, table: Any, where: str) -> Iterator[Statement]:
@@ -130,12 +150,13 @@ def _made(make: Callable[[], Statement], where: str) -> Statement:
         return make()
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{where}: has a value that is none ({error})") from error
+    except (TypeError, ValueError, ArithmeticError, AttributeError, LookupError) as error:
+        raise InputError(f"{where}: has a value of the wrong kind ({error})") from error
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    return number and abs(value) < LARGEST_NUMBER
 
 
 def _object(entry: dict[str, Any], _: Path) -> Statement:
@@ -197,7 +218,7 @@ def _depth(entry: dict[str, Any], folder: Path) -> Statement:
         said["frames"], said["depths"] = _depths(folder / said.pop("file"))
     elif not {"frames", "depths"} <= set(said):
         raise InputError("has neither a file nor frames with depths")
-    if not all(map(_is_whole, said["frames"])):
+    if not isinstance(said["frames"], list) or not all(map(_is_whole, said["frames"])):
         raise InputError("frames must be whole numbers")
     return DepthOf(**said)
 
@@ -215,17 +236,24 @@ def _depths(path: Path) -> tuple[list[int], list[float]]:
     try:
         if path.suffix == ".npz":
             arrays = load_archive(path, what="depths")
-            frames = arrays["frame"].astype(int)
-            if (frames != arrays["frame"]).any():
+            frames, depths = arrays["frame"], arrays["depth"]
+            if frames.dtype.kind not in "fiu" or not np.all(abs(frames) < 2**53):
+                raise ValueError("a frame is no number")
+            if (frames != frames.astype(int)).any():
                 raise ValueError("a frame is no whole number")
-            return frames.tolist(), arrays["depth"].astype(float).tolist()
-        with path.open(encoding="utf-8-sig", newline="") as text:
-            rows = list(csv.DictReader(text))
+            if depths.dtype.kind not in "fiu":
+                raise ValueError("a depth is no number")
+            return frames.astype(int).tolist(), depths.astype(float).tolist()
+        reader = csv.DictReader(read_text(path).splitlines())
+        rows, names = list(reader), list(reader.fieldnames or ())
         if not rows:
             raise ValueError("nothing is there")
+        if len(set(names)) < len(names):
+            raise ValueError("a column occurs twice")
+        for number, row in enumerate(rows, 1):
+            if None in row:
+                raise ValueError(f"row {number} has more cells than columns; decimal commas?")
         return [int(row["frame"]) for row in rows], [float(row["depth"]) for row in rows]
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
     except InputError:
         raise
     except (KeyError, TypeError, ValueError, csv.Error) as error:
@@ -248,6 +276,9 @@ def _seen(entry: dict[str, Any], folder: Path) -> Statement:
             "labels must be a table: of each label of the detector, by name or number, the "
             "library's label, or a table of these with the probability that it is called so"
         )
+    least = entry.get("score", _LOWEST_SCORE)
+    if not (_is_number(least) and 0 <= least <= 1):
+        raise InputError(f"score = {least!r:.60} must be a number from 0 to 1")
     # Categories that are plain names of one label share it.
     plain = Counter(row for row in names.values() if isinstance(row, str))
     rows = {
@@ -256,7 +287,7 @@ def _seen(entry: dict[str, Any], folder: Path) -> Statement:
     }
     found, confusion = [], []
     for box, score, label in _results(path, _name(image), rows):
-        if score >= entry.get("score", _LOWEST_SCORE) and label in rows:
+        if score >= least and label in rows:
             left, top, width, height = box
             found.append((left, top, left + width, top + height))
             confusion.append(rows[label])
@@ -293,12 +324,7 @@ def _results(
     A file without this image, or without any of the categories, says nothing about what is in the
     image: its images and categories have other names.
     """
-    try:
-        results = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not a JSON file ({error})") from error
+    results = load_json(path)
     if not isinstance(results, list):
         raise InputError(f"{path}: must be a list of results, as COCO's format has it")
     found, images, labels = [], set(), set()
@@ -310,15 +336,18 @@ def _results(
                 continue
             there = "bbox" in result or "segmentation" not in result
             box = result["bbox"] if there else _box_of_mask(result["segmentation"])
-            box = [float(x) for x in box]
-            label, score = _name(result["category_id"]), float(result["score"])
+            box = numbers(box, shape=(4,), place="bbox").tolist()
+            score = float(numbers(result["score"], shape=(), place="score"))
+            label = _name(result["category_id"])
         except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
             raise InputError(
                 f"{path}: result {number} must have image_id, category_id, score, and bbox or "
                 f"segmentation ({error})"
             ) from error
-        if len(box) != 4 or not np.isfinite([*box, score]).all() or min(box[2:]) <= 0:
+        if min(box[2:]) <= 0:
             raise InputError(f"{path}: result {number}: bbox must be left, top, width, height")
+        if not 0 <= score <= 1:
+            raise InputError(f"{path}: result {number}: score {score:g} must be from 0 to 1")
         found.append((box, score, label))
     if image not in images:
         raise InputError(
@@ -353,7 +382,8 @@ def _box_of_mask(mask: Any) -> list[float]:
     height, width = (int(side) for side in mask["size"])
     counts = mask["counts"]
     runs = np.array(_counts(counts) if isinstance(counts, str) else counts, np.int64)
-    if not 0 < height * width <= LARGEST_IMAGE**2 or (runs < 0).any():
+    most = height * width
+    if not 0 < most <= LARGEST_IMAGE**2 or (runs < 0).any() or (runs > most).any():
         raise ValueError("no runs of a mask")
     ends = runs.cumsum()
     first, last = ends[:-1:2], ends[1::2] - 1

@@ -115,6 +115,11 @@ def read_regions(path: str | Path, clip: Clip) -> Regions:
             raise InputError(f"{place}: frame {frame} is not of {clip.name}")
         x, y, width, height = numbers(entry["bbox"], shape=(4,), place=f"{place}: bbox")
         score = float(numbers(entry["score"], shape=(), place=f"{place}: score"))
+        if not (min(width, height) > 0 and 0 <= score <= 1):
+            raise InputError(
+                f"{place}: the box is {width:g} x {height:g} px with a score of {score:g}; both "
+                "sides must be positive, and the score from 0 to 1"
+            )
         if x + width > clip.camera.width + 1 or y + height > clip.camera.height + 1:
             raise InputError(
                 f"{place}: the box ends at ({x + width:.0f}, {y + height:.0f}), outside of "

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.clips.furniture import MeasuredBox, category, left_out, upright_object
-from imapper_prob.clips.parsing import LARGEST_NUMBER, field, load_json, load_lines, numbers
+from imapper_prob.clips.parsing import LARGEST_NUMBER, field, load_json, numbers
+from imapper_prob.files import read_text
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.scene import SceneObject
 from imapper_prob.models.skeleton import HEAD, PELV
@@ -381,7 +382,7 @@ def _actions(path: Path, moments: Array) -> tuple[str, ...]:
         return ()
     words = np.full(len(moments), "", dtype=object)
     strange: Counter[str] = Counter()
-    for number, line in enumerate(load_lines(path), 1):
+    for number, line in enumerate(read_text(path).splitlines(), 1):
         if not line.strip():
             continue
         match = _INTERACTION.fullmatch(line)

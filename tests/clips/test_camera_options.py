@@ -104,6 +104,7 @@ def test_an_assumed_focal_length_is_told(tmp_path: Path, caplog: pytest.LogCaptu
         (TOML + "zoom = 2\n", "unknown entry 'zoom'"),
         (TOML.replace("900", "nan"), "not finite"),
         (TOML.replace("900", "-900"), "matrix must be"),
+        (TOML.replace("[900, 0,", "[900, 450,"), "matrix must be"),
         (TOML.replace("1280", "1280.5"), "whole numbers"),
         (TOML.replace("-0.28, 0.07,", ""), "distortion has 4, 5 or 8"),
         (TOML + "rotation = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\n", "go together"),

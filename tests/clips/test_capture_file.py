@@ -188,6 +188,7 @@ def test_joint_names_with_one_missing_are_told(saved: Path) -> None:
         ({"cuboid_size": None}, "entry cuboid_size is missing"),
         ({"cuboid_object": np.array([0, 0, 7])}, "cuboid_object names one that does not exist"),
         ({"cuboid_object": np.array([0, 1, 0])}, "must be in ascending order"),
+        ({"cuboid_object": np.array([0, 1, 0], np.uint64)}, "must be in ascending order"),
         ({"cuboid_object": np.array([0, 0, 0])}, "'table' has no cuboids"),
         ({"cuboid_object": np.array([0.0, 0.0, 1.0])}, "expected index"),
         ({"object_placement": np.full((2, 3), np.nan)}, "must be finite"),

@@ -114,7 +114,7 @@ CONTENT_FAULTS: dict[str, tuple[Spoil, str]] = {
     ),
     "negative focal length": (
         lambda f: f.intrinsics[0].__setitem__(0, -1900.0),
-        r"intrinsics\.json: focal length fx = -1900.0",
+        r"intrinsics\.json: matrix must be",
     ),
     "intrinsic matrix too small": (
         lambda f: f.intrinsics.pop(),
@@ -146,7 +146,7 @@ FILE_FAULTS: dict[str, tuple[Callable[[Path], object], str]] = {
     "empty file": (lambda p: (p / DETECTIONS).write_text(""), rf"{DETECTIONS}: not valid JSON"),
     "not text": (
         lambda p: (p / DETECTIONS).write_bytes(b"\xff\xfe\x00"),
-        rf"{DETECTIONS}: not valid JSON",
+        rf"{DETECTIONS}: no text file",
     ),
     "detections twice": (
         lambda p: (p / "skel_copy_2d_00.json").write_bytes((p / DETECTIONS).read_bytes()),

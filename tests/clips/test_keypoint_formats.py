@@ -167,6 +167,29 @@ def test_track_numbers_are_kept(tmp_path: Path) -> None:
     np.testing.assert_allclose(clip.tracks[1].keypoints[2, PELV], place(2, 1))
 
 
+@pytest.mark.parametrize(("one", "other"), [(1000001, 1000002), (3.0, 4.0), ("ann", "bob")])
+def test_long_track_numbers_and_names_are_told_apart(one: Any, other: Any, tmp_path: Path) -> None:
+    entries = [
+        {**entry, "idx": one if f < 4 else other} for f, entry in enumerate(results("coco_17"))
+    ]
+    clip = read_whatever(write_json(tmp_path / "two.json", entries), OPTIONS)
+    assert [track.name for track in clip.tracks] == [
+        str(name).removesuffix(".0") for name in (one, other)
+    ]
+
+
+def test_joints_outside_of_the_image_speak_against_its_size(tmp_path: Path) -> None:
+    folder = write_openpose(tmp_path / "film", "body_25")
+    with pytest.raises(InputError, match=r"joints are outside of images of 128 x 72; .*--size"):
+        read_whatever(folder, ClipOptions(size=(128, 72), fps=25))
+
+
+def test_a_byte_order_mark_is_no_part_of_a_clip(tmp_path: Path) -> None:
+    path = write_json(tmp_path / "one.json", results("coco_17"))
+    path.write_text(path.read_text(), encoding="utf-8-sig")
+    check(read_whatever(path, OPTIONS))
+
+
 def test_zeros_are_missing_joints_not_the_corner(tmp_path: Path) -> None:
     folder = write_openpose(tmp_path / "film", "body_25")
     path = sorted(folder.iterdir())[2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import hypothesis
@@ -12,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 import imapper_prob as im
-from imapper_prob.clips.statements_file import _box_of_mask, _counts
+from imapper_prob.clips.statements_file import _box_of_mask, _counts, check_file
 
 EVERYTHING = """
 [camera]
@@ -87,6 +88,12 @@ def written(folder: Path, text: str) -> Path:
         {"image_id": 18, "category_id": 62, "bbox": [10, 20, 100, 50], "score": 0.9},
     ]
     (folder / "boxes.json").write_text(json.dumps(results))
+    (folder / "commas.csv").write_text("frame,depth\n3,3,1\n5,3,25\n")
+    (folder / "twice.csv").write_text("frame,depth,depth\n3,3.1,1\n")
+    for name, change in {"percent": {"score": 90}, "text": {"bbox": "1234"}}.items():
+        result = {"image_id": 17, "category_id": 62, "bbox": [1, 2, 3, 4], "score": 0.9, **change}
+        (folder / f"{name}.json").write_text(json.dumps([result]))
+    (folder / "keys.json").write_text('[{"image_id": 17, "bbox": [1, 2, 3, 4], "bbox": [1]}]')
     return path
 
 
@@ -113,6 +120,32 @@ def test_a_file_says_what_the_classes_say(tmp_path: Path) -> None:
             named={"couch": 0.9, "chair": 1.0},
         ),
     )
+
+
+def test_a_byte_order_mark_is_no_part_of_a_file(tmp_path: Path) -> None:
+    said = im.read_statements(written(tmp_path, EVERYTHING))
+    for name in ("given.toml", "depth.csv", "boxes.json"):
+        path = tmp_path / name
+        path.write_text(path.read_text(encoding="utf-8"), encoding="utf-8-sig")
+    assert im.read_statements(tmp_path / "given.toml") == said
+
+
+def test_what_no_scene_fulfils_is_named_with_the_file(tmp_path: Path) -> None:
+    path = written(tmp_path, '[[present]]\nlabel = "couch"')
+    library, clip = im.load_library(), im.demo_clip()
+    check_file(path, im.read_statements(path), clip, library)
+    for said, words in (
+        (im.Presence("throne"), "given.toml: a throne: the library has no 'throne'"),
+        (im.ObjectAt("couch", box=(100, 100, 5000, 400)), "given.toml: .*ends far outside"),
+    ):
+        with pytest.raises(im.InputError, match=words):
+            check_file(path, [said], clip, library)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "given.toml")
+    with pytest.raises(im.InputError, match="is a pipe or device"):
+        im.read_statements(tmp_path / "given.toml")
 
 
 def mask_of(box: tuple[int, int, int, int], height: int, width: int) -> NDArray[np.bool_]:
@@ -213,7 +246,7 @@ def test_depths_are_read_from_arrays_too(tmp_path: Path) -> None:
         ("[walls]\nx = 1", "unknown table 'walls'; known are absent, behind, camera"),
         ("[camera]\nheigth = [1, 1]", "unknown key 'heigth'; known are pitch, height, focal"),
         ("[camera]\nheight = 1.6", "height must be \\[value, standard deviation\\]"),
-        ("[camera]\nheight = [1.6, -1]", "std of the measured height = -1.0 must be positive"),
+        ("[camera]\nheight = [1.6, -1]", "std of the measured height = -1.0 must be at least"),
         ("[[object]]\nplace = [0, 1]", "object 1: has no 'label'"),
         ('[[object]]\nlabel = "couch"\nat = [0, 1]', "object 1: unknown key 'at'"),
         ('[[object]]\nlabel = "couch"\nplace = ["a", 1]', "object 1: the place of couch must be"),
@@ -228,18 +261,44 @@ def test_depths_are_read_from_arrays_too(tmp_path: Path) -> None:
         ('[[same_object]]\nlabel = "couch"\nframes = [[1, 2]]', "two spans or more"),
         (
             '[[same_object]]\nlabel = "couch"\nframes = [[1, 2], [3, 4]]\npeople = 3',
-            "has a value that is none",
+            "has a value of the wrong kind",
         ),
         ('[[behind]]\nlabel = "couch"', "behind 1: has no 'before'"),
         ('[[behind]]\nlabel = "couch"\nbefore = 3', "labels 3 must be a label or some"),
         ('[[depth]]\nerror = 0.1\nfile = "no.csv"', "no.csv: cannot be read"),
         ('[[depth]]\nerror = 0.1\nfile = "boxes.json"', "must have frame"),
-        ('[[detections]]\nfile = "no.json"\nframe = 1\nlabels = {}', "no.json: cannot be read"),
-        ('[[detections]]\nfile = "depth.csv"\nframe = 1\nlabels = {}', "not a JSON file"),
+        ('[[detections]]\nfile = "no.json"\nframe = 1\nlabels = {}', "no.json: no such file"),
+        ('[[detections]]\nfile = "depth.csv"\nframe = 1\nlabels = {}', "depth.csv: not valid JSON"),
         ('[[detections]]\nfile = "boxes.json"\nframe = 1\nlabels = 3', "labels must be a table"),
         (
             '[[detections]]\nfile = "boxes.json"\nframe = 1\nlabels = { 62 = "chair" }',
             r"boxes\.json: has no result for image 1, but for 17, 18; name",
+        ),
+        ("[camera]\nheight = [1.6, 1e-300]", "must be at least"),
+        ("[camera]\nheight = [1.6, 1e300]", "\\[value, standard deviation\\]"),
+        (f"[camera]\nheight = [1{'0' * 400}, 0.1]", "\\[value, standard deviation\\]"),
+        ('[[object]]\nlabel = "couch"\nplace = [0, 3e3]', "the place of couch: .*1000 at most"),
+        ('[[present]]\nlabel = "couch"\nregion = [[0, 1], [1, 1], [0, 1e4]]', "1000 m away"),
+        ("[[depth]]\nerror = 0.1\nframes = [3]\ndepths = [3100]", "in metres,: .*1000 at most"),
+        ("[[depth]]\nerror = 3\nframes = [3]\ndepths = [3.1]", "must be at most 1"),
+        ("[[depth]]\nerror = 0.1\nframes = 3\ndepths = [3.1]", "frames must be whole numbers"),
+        ('[[depth]]\nerror = 0.1\nfile = "commas.csv"', "more cells than columns"),
+        ('[[depth]]\nerror = 0.1\nfile = "twice.csv"', "a column occurs twice"),
+        (
+            '[[detections]]\nfile = "boxes.json"\nframe = 17\nlabels = { 62 = "chair" }\nscore = 2',
+            "score = 2 must be a number from 0 to 1",
+        ),
+        (
+            '[[detections]]\nfile = "percent.json"\nframe = 17\nlabels = { 62 = "chair" }',
+            "result 0: score 90 must be from 0 to 1",
+        ),
+        (
+            '[[detections]]\nfile = "text.json"\nframe = 17\nlabels = { 62 = "chair" }',
+            "result 0 must have .*bbox: expected 4 numbers, got '1234'",
+        ),
+        (
+            '[[detections]]\nfile = "keys.json"\nframe = 17\nlabels = { 62 = "chair" }',
+            "keys.json: key 'bbox' occurs twice",
         ),
         (
             '[[detections]]\nfile = "boxes.json"\nframe = 17\nlabels = { 56 = "chair" }',

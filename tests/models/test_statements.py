@@ -109,7 +109,7 @@ def test_frames_may_be_numbers_of_numpy() -> None:
     ("make", "words"),
     [
         (lambda: im.Measured("weight", 70, 1), "'weight' is not measured"),
-        (lambda: im.Measured("height", 1.5, 0.0), "must be positive"),
+        (lambda: im.Measured("height", 1.5, 0.0), "height = 0.0 must be at least"),
         (
             lambda: im.Measured("stature", 5.0, 0.1),
             r"the measured stature = 5.0 must be in \(0.5, 2.5\)",
