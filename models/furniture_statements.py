@@ -41,7 +41,8 @@ class ObjectAt:
     labels : str or sequence of str
         Possible labels of the object.
     place : (float, float), optional
-        x, y of the centre on the floor, m.
+        x (right) and y (away from the camera) of the centre on the floor, m, in the world of the
+        scene: its origin is on the floor below the camera.
     place_std : float
         Standard deviation, m.
     size : (float, float, float), optional
@@ -53,6 +54,7 @@ class ObjectAt:
     box_std : float
         Standard deviation of each edge, px.
     doubt : float
+        Probability that the answer was given by chance, in (0, 1).
 
     Raises
     ------
@@ -124,6 +126,7 @@ class Presence:
     std : float
         Standard deviation of the region's edge, m.
     doubt : float
+        Probability that the answer was given by chance, in (0, 1).
 
     Raises
     ------
@@ -166,10 +169,11 @@ class Contact:
     ----------
     labels : str or sequence of str
     first, last : int
-        First and last frame.
+        First and last frame, by the clip's own numbers.
     sits : bool
         Whether the person sits on it; else a hand, a knee or the pelvis touches it.
     doubt : float
+        Probability that the answer was given by chance, in (0, 1).
     person : int
         Track of the clip, from 1.
 
@@ -214,10 +218,11 @@ class SameObject:
     ----------
     labels : str or sequence of str
     spans : sequence of (int, int)
-        First and last frame of each span; two spans or more.
+        First and last frame of each span, by the clip's own numbers; two spans or more.
     sits : bool
         Whether the person sits on it; else a hand, a knee or the pelvis touches it.
     doubt : float
+        Probability that the answer was given by chance, in (0, 1).
     people : sequence of int, optional
         Track of each span, from 1; the first track if not given.
 
@@ -271,6 +276,7 @@ class Behind:
     before : str or sequence of str
         Possible labels of the object in front.
     doubt : float
+        Probability that the answer was given by chance, in (0, 1).
 
     Raises
     ------
@@ -305,6 +311,7 @@ class Seen:
     Parameters
     ----------
     frame : int
+        By the clip's own frame numbers.
     boxes : (D, 4) float
         Left, top, right and bottom, px.
     confusion : sequence of D mapping of str to float

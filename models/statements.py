@@ -117,6 +117,7 @@ class Room:
     std : float
         Standard deviation of the walls' position, m.
     doubt : float
+        Probability that the answer was given by chance, in (0, 1).
 
     Raises
     ------
@@ -151,8 +152,9 @@ class JointAt:
     joint : str
         Such as ``"PELV"`` or ``"RWRI"``.
     frame : int
+        By the clip's own frame numbers.
     point : (float, float, float)
-        x, y, z in m.
+        x, y and z in the world of the scene, m.
     std : float
         Standard deviation along each axis, m.
     person : int
@@ -198,6 +200,7 @@ class DepthOf:
     Parameters
     ----------
     frames : sequence of int
+        By the clip's own frame numbers.
     depths : sequence of float
         In these frames, m.
     error : float

@@ -24,7 +24,7 @@ GUIDES = [
     *sorted((ROOT / "docs" / "how-to").glob("*.md")),
 ]
 DEMO = "imapper-prob demo -o out/demo"
-SHELL = {"pip", "python", "dask", ".", "make", "imapper-prob"}
+SHELL = {"pip", "python", "dask", ".", "make", "imapper-prob", "git", "ln"}
 BROUGHT = (
     "clip.mp4",
     "clip.npz",
@@ -41,6 +41,8 @@ NEITHER = (
     "python -m venv",
     ". .venv",
     "dask ",
+    "git ",
+    "ln ",
     "make ",
     " view ",
     "completion",

@@ -208,7 +208,7 @@ class Posterior(Draws):
 
     @property
     def converged(self) -> bool:
-        """Whether the chains have converged and no check raises an alarm.
+        """Whether the chains have converged, and no check is alarmed.
 
         Examples
         --------

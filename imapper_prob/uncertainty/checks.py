@@ -72,7 +72,7 @@ __all__ = [
 ]
 
 _RATE: Final = 0.01
-"""Rate at which each check raises a false alarm; for six of them about 5 % in total."""
+"""Rate at which each check raises a false alarm; for six of them about 6 % in total."""
 
 
 @dataclass(frozen=True)

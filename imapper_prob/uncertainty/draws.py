@@ -348,7 +348,9 @@ class Draws:
 
     @property
     def traces(self) -> dict[str, Array]:
-        """Quantities of the chains for plots, by name: (chains, draws) each.
+        """Log-posterior and number of objects of the kept draws, by name: (chains, draws) each.
+
+        ``samples.traces`` is the log-posterior over the whole run.
 
         Examples
         --------
