@@ -280,7 +280,10 @@ def sample(
         )
     told = None
     if given:
-        told = Told(tuple(given), denied=denied(bare, samples.states, given, source.clip, labels))
+        told = Told(
+            tuple(given),
+            denied=denied(bare, samples.states, statements=given, clip=source.clip, labels=labels),
+        )
     seconds = {"solving": ready - begun, "sampling": time.perf_counter() - ready}
     end = samples.end(config.sample)
     if limits.any or (samples.finished and end > end_of(config.sample)):

@@ -117,14 +117,12 @@ def _built_in_poses() -> Array:
     return distinct_poses(built_in_library())
 
 
-def distinct_poses(library: Library, *, apart: float = _APART) -> Array:
+def distinct_poses(library: Library) -> Array:
     """Select distinct poses of a library, and add their mirror images.
 
     Parameters
     ----------
     library : Library
-    apart : float
-        Least root-mean-square joint distance of two poses, metres.
 
     Returns
     -------
@@ -149,7 +147,7 @@ def distinct_poses(library: Library, *, apart: float = _APART) -> Array:
         if left[row]:
             chosen.append(row)
             squared = ((flat[left] - flat[row]) ** 2).sum(1)
-            left[np.flatnonzero(left)[squared < 16 * apart**2]] = False
+            left[np.flatnonzero(left)[squared < 16 * _APART**2]] = False
     kept = poses[chosen]
     mirrored = kept[:, list(MIRROR)] * (-1, 1, 1)
     result: Array = np.concatenate([kept, mirrored])

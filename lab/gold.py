@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 import imapper_prob as im
 from imapper_prob.config import SampleSettings
@@ -37,7 +36,6 @@ from lab.stored import named_clip
 
 __all__ = ["GOLD", "distance", "known", "shares", "tabled"]
 
-Array = NDArray[np.float64]
 GOLD: Final = Path(__file__).with_name("gold.json")
 _RAREST: Final = 0.005
 """Least fraction of a set of objects that is listed; rarer sets are combined."""

@@ -30,7 +30,6 @@ from imapper_prob.models.skeleton import N_JOINTS
 
 __all__ = ["check_problem", "check_state"]
 
-Array = NDArray[np.float64]
 
 _LARGEST: Final = 1e9
 """Largest number in a problem (pixels, metres or nats)."""

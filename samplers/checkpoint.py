@@ -7,7 +7,6 @@ killed. Nothing is pickled, so reading a checkpoint runs no code.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import logging
 import os
@@ -31,7 +30,6 @@ __all__ = [
     "Checkpointer",
     "Snapshot",
     "checkpoint_of",
-    "fingerprint",
     "load",
     "pack",
     "pack_rng",
@@ -69,23 +67,6 @@ class Snapshot(NamedTuple):
     values: Mapping[str, Any]
 
 
-def fingerprint(settings: object) -> str:
-    """A hash of JSON-like settings, which identifies the run that a checkpoint belongs to.
-
-    Parameters
-    ----------
-    settings : object
-        Any value that JSON can hold.
-
-    Returns
-    -------
-    str
-        SHA-256, hexadecimal.
-    """
-    text = json.dumps(settings, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 def save(path: Path, snapshot: Snapshot, *, identity: str) -> None:
     """Write a checkpoint atomically.
 
@@ -94,7 +75,7 @@ def save(path: Path, snapshot: Snapshot, *, identity: str) -> None:
     path : Path
     snapshot : Snapshot
     identity : str
-        Identity of the run, such as a `fingerprint` of its settings, data and seed.
+        Identity of the run, such as a hash of its settings, data and seed.
     """
     head = {"format": _FORMAT, "identity": identity, "values": snapshot.values}
     entry = np.frombuffer(json.dumps(head).encode(), dtype=np.uint8)
@@ -380,9 +361,8 @@ def run_resumable_chains(
         Folder of the checkpoints ``chain-0.npz`` and so on; created if needed. Two runs must not
         use it at the same time. All workers must see it, including those on other machines.
     identity : str
-        Identity of settings, data and seed, such as a
-        `imapper_prob.samplers.checkpoint.fingerprint`; a checkpoint with another identity is
-        refused.
+        Identity of settings, data and seed, such as their hash; a checkpoint with another identity
+        is refused.
     every_seconds : float
         Least time between two checkpoints of a chain.
     restarts : int

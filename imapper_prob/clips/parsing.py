@@ -34,6 +34,8 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+_SHOWN: Final = 60
+"""Characters of a wrong value that a message shows."""
 LARGEST_NUMBER: Final = 1e100
 """Bound on any measured value; its square is still finite."""
 
@@ -206,9 +208,9 @@ def frame_number(path: Path, key: Any) -> int:
     return int(key)
 
 
-def _shortened(values: Any, *, limit: int = 60) -> str:
+def _shortened(values: Any) -> str:
     text = repr(values)
-    return text if len(text) <= limit else text[: limit - 1] + "…"
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 1] + "…"
 
 
 # ------------------------------------------------------------------------------------------------

@@ -214,15 +214,13 @@ def label_scores(claims: Sequence[Claim], truth: TruthInView) -> LabelScores:
     return LabelScores(len(stated), right, float(sum(stated)), float(logarithmic))
 
 
-def brier(probability: Array, happened: Array, *, least: float = _RAREST) -> tuple[float, float]:
+def brier(probability: Array, happened: Array) -> tuple[float, float]:
     """Brier and logarithmic score of probabilities of binary events.
 
     Parameters
     ----------
     probability : (n,) float
     happened : (n,) bool
-    least : float
-        Lower bound of probabilities in the logarithm.
 
     Returns
     -------
@@ -231,7 +229,7 @@ def brier(probability: Array, happened: Array, *, least: float = _RAREST) -> tup
     """
     square = float(((probability - happened) ** 2).mean())
     of_what_happened = np.where(happened > 0, probability, 1 - probability)
-    return square, float(-np.log(np.maximum(of_what_happened, least)).mean())
+    return square, float(-np.log(np.maximum(of_what_happened, _RAREST)).mean())
 
 
 def _counts(objects: Sequence[Outline]) -> tuple[int, ...]:

@@ -18,7 +18,7 @@ from shapely import MultiPoint, Point, Polygon, convex_hull
 
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.scene import Clip, SceneObject, Truth
+from imapper_prob.models.scene import Clip, SceneObject
 from imapper_prob.models.skeleton import LKNE, LWRI, PELV, RKNE, RWRI
 
 __all__ = [
@@ -286,14 +286,12 @@ def used_objects(
     return tuple(sorted(used))
 
 
-def truth_in_view(clip: Clip, truth: Truth | None = None) -> TruthInView:
-    """The ground truth of a clip for scores: its own, or one read separately.
+def truth_in_view(clip: Clip) -> TruthInView:
+    """The ground truth of a clip for scores.
 
     Parameters
     ----------
     clip : Clip
-    truth : Truth, optional
-        The clip's own if not given.
 
     Returns
     -------
@@ -304,7 +302,7 @@ def truth_in_view(clip: Clip, truth: Truth | None = None) -> TruthInView:
     InputError
         There is no truth, or it has another number of frames.
     """
-    truth = truth if truth is not None else clip.truth
+    truth = clip.truth
     if truth is None:
         raise InputError(f"clip {clip.name}: nobody knows its truth; nothing to hold a result to")
     if len(truth.joints) not in (clip.n_frames, len(clip.tracks) * clip.n_frames):

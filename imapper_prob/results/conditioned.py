@@ -90,12 +90,16 @@ def conditioned(
     values = statement_values(tell(source.problem, statements, clip, labels), samples.states)
     found = reweigh(values.reshape(samples.shape))
     seed = np.random.SeedSequence(posterior.config.seed, spawn_key=(len(everything),))
-    if denied(source.problem, samples.states, statements, clip, labels):
+    if denied(source.problem, samples.states, statements=statements, clip=clip, labels=labels):
         # No draw agrees with a statement, so all weights are those of chance, and tell nothing.
         found = replace(found, effective=0.0)
     if found.good:
         chosen = reweighted(
-            samples, found, values, posterior.config.sample, np.random.default_rng(seed)
+            samples,
+            found,
+            values=values,
+            settings=posterior.config.sample,
+            rng=np.random.default_rng(seed),
         )
         told = replace(source, problem=tell(source.problem, everything, clip, labels))  # type: ignore[type-var]
         evidence = Evidence(
@@ -115,10 +119,10 @@ def conditioned(
     )
     fresh = np.r_[np.zeros(len(earlier)), np.ones(len(statements))]
     drawn, evidence = continued(
-        solved, samples, problem, fresh, found, settings,
+        solved, samples, problem=problem, fresh=fresh, found=found, settings=settings,
         seed=seed, workers=workers, progress=progress,
     )  # fmt: skip
-    nowhere = denied(solved.problem, drawn.states, everything, clip, labels)
+    nowhere = denied(solved.problem, drawn.states, statements=everything, clip=clip, labels=labels)
     return Posterior(
         with_statements(solved, problem),
         drawn,

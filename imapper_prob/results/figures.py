@@ -262,6 +262,8 @@ _AXES: Final = {"across the view": "#4e79a7", "depth": "#f28e2b", "height": "#59
 _MARGIN: Final = 0.4
 """Margin in metres around the drawn area."""
 
+_LINE: Final = 42
+"""Characters of a line of text below a view from above."""
 _BELOW: Final = 0.05
 """Share of a figure's height that is reserved for differences in words."""
 
@@ -526,10 +528,10 @@ def _floors(low: Array, high: Array, count: int, *, width: float) -> Figure:
     return Figure(figsize=(width * count, height + 1.1), layout="constrained")
 
 
-def _wrapped(text: str, width: int = 42) -> str:
+def _wrapped(text: str) -> str:
     lines: list[str] = [""]
     for word in text.split():
-        if len(lines[-1]) + len(word) > width:
+        if len(lines[-1]) + len(word) > _LINE:
             lines.append("")
         lines[-1] = f"{lines[-1]} {word}".strip()
     return "\n".join(lines)

@@ -341,7 +341,6 @@ def furniture_table(solved: Solved) -> Table:
 # ------------------------------------------------------------------------------------------------
 # Figures. Each function returns one; matplotlib's current figure is not changed.
 
-Array = NDArray[np.float64]
 _ACCENT: Final = "#e15759"
 _COLUMNS: Final = 4
 _AROUND: Final = 1.6

@@ -154,6 +154,7 @@ def statement_values(problem: Problem, states: Sequence[State]) -> Array:
 def denied(
     problem: Problem,
     states: Sequence[State],
+    *,
     statements: Sequence[Statement],
     clip: Clip,
     labels: Sequence[str],
@@ -208,6 +209,7 @@ def with_statements(source: Solution | JointProblem, problem: Problem) -> Soluti
 def reweighted(
     samples: Samples,
     found: Reweighted,
+    *,
     values: Array,
     settings: SampleSettings,
     rng: np.random.Generator,
@@ -261,11 +263,11 @@ def _verdict_of_chosen(before: Verdict, judged: Verdict, count: int) -> Verdict:
 def continued(
     source: Solution | JointProblem,
     samples: Samples,
+    *,
     problem: Problem,
     fresh: Array,
     found: Reweighted,
     settings: SampleSettings,
-    *,
     seed: np.random.SeedSequence,
     workers: int = 1,
     progress: Progress | None = None,

@@ -15,7 +15,6 @@ from imapper_prob.sampling.scene import StateArrays, flush_run
 
 __all__ = ["refresh_path", "replace_similar", "shift", "walk_placement"]
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 _REACH: Final = 4

@@ -124,6 +124,8 @@ _SOME: Final = 0.1
 """Probability of being on furniture above which a second mode is searched for."""
 _STARTS: Final = (0.05, 0.5, 0.95)
 """Quantiles of ankle heights; each is taken for the floor in one search of the mode."""
+_TOLERANCE: Final = 1e-9
+"""Largest step of a parameter of the camera, radians or log metres, at which the fit ends."""
 _WALKING: Final = 0.4
 """Speed across the view in metres a second above which a person walks. In the built-in library 1 %
 of the frames above this speed have the pelvis less than .6 m above the lower ankle."""
@@ -361,15 +363,15 @@ def _mode(feet: _Feet) -> Array:
     return min((_descend(feet, start) for start in starts), key=feet.cost)
 
 
-def _descend(feet: _Feet, state: Array, *, tolerance: float = 1e-9) -> Array:
+def _descend(feet: _Feet, state: Array) -> Array:
     """Gauss-Newton with step halving while the cost increases."""
     for _ in range(50):
         step = feet.step(state)
         before = feet.cost(state)
-        while np.abs(step).max() > tolerance and feet.cost(state + step) > before:
+        while np.abs(step).max() > _TOLERANCE and feet.cost(state + step) > before:
             step = step / 2
         state = state + step
-        if np.abs(step).max() < tolerance:
+        if np.abs(step).max() < _TOLERANCE:
             break
     return state
 

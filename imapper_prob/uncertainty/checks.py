@@ -120,8 +120,6 @@ of the lifter's error: simulated clips of ``python -m lab.alarms``. On i3DB they
 degrees."""
 _OVERTURNED: Final = 60.0
 """Degrees above which a wrong pitch is unlikely to be the cause."""
-_LEAST_SECONDS: Final = 1.2
-"""Least duration in seconds of usable frames for a check: ``frames.correlation_time``."""
 
 
 def upright(clip: Clip, problem: Problem, cameras: Array) -> Check:
@@ -153,7 +151,7 @@ def upright(clip: Clip, problem: Problem, cameras: Array) -> Check:
     pitch, roll = calibrated("camera.pitch"), calibrated("camera.roll")
     either_way = math.sqrt(_LEAN**2 + (pitch**2 + roll**2) / 2)
     limit = math.degrees(either_way * math.sqrt(-2.0 * math.log(_RATE)))
-    if straight.sum() < _LEAST_SECONDS * clip.fps:
+    if straight.sum() < calibrated("frames.correlation_time") * clip.fps:
         return Check("upright", math.nan, limit, False, "Nobody is seen on their feet for long.")
     axis = _unit(trunk + thighs)[straight]
     up = np.median([_level(phi).rotation[2] for phi in cameras], axis=0)
@@ -208,7 +206,7 @@ def height(problem: Problem, cameras: Array, *, fps: float) -> Check:
     above, _, counts = _feet(problem, cameras)
     often = counts.sum() / max(1.0, calibrated("frames.correlation_time") * fps)
     limit = _NORMAL * math.hypot(calibrated("ankle.offset"), _median_error(often))
-    if counts.sum() < _LEAST_SECONDS * fps:
+    if counts.sum() < calibrated("frames.correlation_time") * fps:
         return Check("height", math.nan, limit, False, "Feet are hardly ever seen.")
     value = _median(above, counts) - calibrated("ankle.height")
     if not abs(value) > limit:
@@ -238,7 +236,7 @@ def slope(problem: Problem, cameras: Array, *, fps: float) -> Check:
     """
     above, away, counts = _feet(problem, cameras)
     nothing = Check("slope", math.nan, math.nan, False, "Too few feet are seen to say of a slope.")
-    if counts.sum() < 2 * _LEAST_SECONDS * fps:
+    if counts.sum() < 2 * calibrated("frames.correlation_time") * fps:
         return nothing
     middle = _median(away, counts)
     near, far = counts * (away <= middle), counts * (away > middle)

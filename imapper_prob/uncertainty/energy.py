@@ -138,11 +138,6 @@ class Explanation:
         return sum(self.terms.values())
 
     @property
-    def gained(self) -> dict[str, float]:
-        """Gain of the scene over the empty scene by term, nats."""
-        return _lost(self.terms, self.bare_terms)
-
-    @property
     def rows(self) -> Ints:
         """(T,) positions along an axis of frames: numbers of the first person's frames, and on."""
         return np.asarray(self.frame_ids[0] + np.arange(len(self.frame_ids)), np.int64)

@@ -130,7 +130,6 @@ def _finite(values: NDArray[np.float64], *, most: float) -> bool:
 # ------------------------------------------------------------------------------------------------
 # Clip, scenelets and log-posterior.
 
-Arrays = Mapping[str, NDArray[Any]]
 Ints = NDArray[np.int64]
 _FROM_LIBRARY: Final = "joints"
 """The largest field of a problem, which is not stored but resampled from the library's motions."""
@@ -330,7 +329,6 @@ def _arrays(group: xr.Dataset) -> dict[str, NDArray[Any]]:
 # ------------------------------------------------------------------------------------------------
 # Draws and their summaries.
 
-Array = NDArray[np.float64]
 Groups = Mapping[str, xr.Dataset]
 """The groups of a tree by path."""
 _ACCEPTANCE = "acceptance_"

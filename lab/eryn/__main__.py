@@ -28,8 +28,6 @@ from lab.eryn import gaussian
 from lab.eryn.exchange import load_runs, save_problem
 from lab.eryn.scene import layouts_of, solve_scene
 
-Array = NDArray[np.float64]
-
 ROOT = Path(__file__).resolve().parents[2]
 REQUIREMENTS = ("eryn==1.2.6", "numpy<2.4", "numba", "scipy")
 """Eryn 1.2.6 calls numpy.in1d, which numpy 2.4 removed."""

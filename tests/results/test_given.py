@@ -92,8 +92,9 @@ def test_a_doubtful_statement_that_is_true_is_not_denied(doubt: float) -> None:
     anything = im.Presence(known, doubt=doubt)
     full = [n for n, own in enumerate(run.samples.objects) if own]
     args = run.solution.problem, [run.samples.states[n] for n in full]
-    assert denied(*args, [anything], run.clip, known) == ()
-    (said,) = denied(*args, [replace(anything, there=False)], run.clip, known)
+    of = {"clip": run.clip, "labels": known}
+    assert denied(*args, statements=[anything], **of) == ()
+    (said,) = denied(*args, statements=[replace(anything, there=False)], **of)
     assert "as by chance" in said
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -17,6 +17,13 @@ from imapper_prob.sampling.reference import Reference
 from imapper_prob.sampling.scene import arrays_of, state_of
 from imapper_prob.sampling.steps import MOVES, Moves, propose, scene_moves
 from imapper_prob.sampling.visits import Visits
+
+
+def assert_same_states(one: Sequence[State], other: Sequence[State]) -> None:
+    """All numbers of all states are the same to the last bit."""
+    for a, b in zip(one, other, strict=True):
+        for field in fields(State):
+            np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name))
 
 
 def in_order(problem: Problem, state: State) -> bool:

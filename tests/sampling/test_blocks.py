@@ -19,6 +19,7 @@ from imapper_prob.sampling.blocks import Block, Clock, Limits
 from imapper_prob.sampling.sample import Samples, sample_scenes
 from imapper_prob.sampling.schedule import block_end, end_of, stopped_at
 from tests.runs import small_solution
+from tests.sampling.scenes import assert_same_states
 
 SETTINGS = SampleSettings(
     steps=300, burn_in=0.4, draws=6, temperatures=2, chains=2, ensemble_steps=2
@@ -54,9 +55,7 @@ def assert_same(one: Samples, other: Samples) -> None:
     assert one.acceptance == other.acceptance
     assert one.ladders == other.ladders
     assert one.verdict == other.verdict
-    for a, b in zip(one.states, other.states, strict=True):
-        for name in ("camera", "items", "placements", "sizes", "latent"):
-            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    assert_same_states(one.states, other.states)
 
 
 def test_blocks_are_where_they_are_thought_to_be() -> None:

@@ -28,6 +28,7 @@ from imapper_prob.sampling.sample import sample_scenes, setup_of
 from imapper_prob.sampling.schedule import burn_in_of, learning_of
 from imapper_prob.scenelets.library import load_library, save_library
 from tests.runs import small_solution
+from tests.sampling.scenes import assert_same_states
 
 SETTINGS = SampleSettings(
     steps=600, burn_in=0.4, draws=40, temperatures=8, ensemble_steps=4, chains=2
@@ -70,9 +71,7 @@ def assert_same(one: Chain, other: Chain) -> None:
     np.testing.assert_array_equal(one.trace, other.trace)
     assert one.acceptance == other.acceptance
     assert one.ladder == other.ladder
-    for a, b in zip(one.states, other.states, strict=True):
-        for name in ("camera", "items", "placements", "latent"):
-            np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    assert_same_states(one.states, other.states)
 
 
 # While the temperatures adapt, after some were dropped, in the last round of that, after it, and

@@ -114,7 +114,9 @@ def test_weights_give_the_same_posterior_and_the_bayes_factor() -> None:
     assert found.error < 0.1
     # One that is not normalised would be seen.
     assert abs(found.log_ratio + math.log(1.5) - exact) > 4 * found.error
-    chosen = reweighted(samples(), found, values, SETTINGS, np.random.default_rng(0))
+    chosen = reweighted(
+        samples(), found, values=values, settings=SETTINGS, rng=np.random.default_rng(0)
+    )
     assert len(chosen.states) == pytest.approx(found.effective, abs=4)
     chair, height = shares(chosen)
     assert close(chair, (0.6 * OF_CHAIR + 0.2) * CHAIR / evidence)
@@ -132,7 +134,7 @@ def test_draws_are_led_to_what_few_agree_with() -> None:
     off, errors = [], []
     for seed in (7, 8, 9):
         drawn, evidence = continued(
-            source(), samples(), problem, np.ones(2), found, SETTINGS,
+            source(), samples(), problem=problem, fresh=np.ones(2), found=found, settings=SETTINGS,
             seed=np.random.SeedSequence(seed),
         )  # fmt: skip
         assert evidence.method == "resampled"
@@ -157,7 +159,8 @@ def test_what_was_known_already_is_no_news() -> None:
     alone = second._replace(given_power=np.array([0.0, 1.0]))
     found = reweigh(statement_values(alone, before.states).reshape(before.shape))
     _, evidence = continued(
-        source(), before, second, np.array([0.0, 1.0]), found, SETTINGS,
+        source(), before, problem=second, fresh=np.array([0.0, 1.0]), found=found,
+        settings=SETTINGS,
         seed=np.random.SeedSequence(10),
     )  # fmt: skip
     assert abs(evidence.log_ratio - math.log(EVIDENCE)) < 4 * evidence.error

@@ -98,7 +98,9 @@ def test_no_scenelets_overlap_and_the_camera_stays(
     problem: Problem, candidates: tuple[Candidate, ...]
 ) -> None:
     start = refine(problem, scene_of(problem, candidates[0]))
-    for step in exchange(problem, start, candidates):
+    steps = exchange(problem, start, candidates)
+    assert steps
+    for step in steps:
         first = step.state.items[:, 1]
         last = first + problem.lengths[step.state.items[:, 0]]
         assert np.all(first[1:] >= last[:-1])
