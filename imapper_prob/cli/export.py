@@ -92,6 +92,8 @@ def _export(options: argparse.Namespace) -> None:
     out: Path = options.output
     if options.format != "i3db":
         require_output(out, f".{options.format}")
+        if not out.parent.is_dir():
+            raise InputError(f"{out}: there is no folder {out.parent}")
     posterior = load_posterior(options.folder)
     weighted = None if options.scene is None else posterior.scene(options.scene)
     scene = posterior.estimate if weighted is None else weighted.scene
@@ -178,6 +180,8 @@ def _record(options: argparse.Namespace) -> None:
 
     output = options.output or options.folder / _NAME
     require_output(output, ".rrd", of_run=_NAME)
+    if not output.parent.is_dir():
+        raise InputError(f"{output}: there is no folder {output.parent}")
     _write(options.folder, output, options.video)
     console().print(f"Written: {output}")
 

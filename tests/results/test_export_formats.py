@@ -195,7 +195,7 @@ def test_every_format_from_the_command_line(folder: Path, tmp_path: Path) -> Non
         (["--format", "glb", "--samples", "3"], "--format json only"),
         (["--format", "glb", "--scene", "99"], "scene 99: the run has"),
         (["--format", "json", "--samples", "100000"], "ask for 1 to"),
-        (["--format", "json", "--samples", "-1"], "ask for 1 to"),
+        (["--format", "json", "--samples", "-1"], "at least 0 are needed"),
     ],
 )
 def test_what_cannot_be_exported_is_said(
@@ -209,8 +209,13 @@ def test_what_cannot_be_exported_is_said(
     assert main(["export", str(folder), "-o", str(output), *arguments]) == 2
     assert words in capsys.readouterr().err
     assert not output.exists()
-    assert main(["export", str(folder), "--format", "glb", "-o", str(tmp_path)]) == 2
-    assert "is a folder" in capsys.readouterr().err
+    for form, place, said in (
+        ("glb", tmp_path, "is a folder"),
+        ("glb", tmp_path / "no" / "x.glb", "there is no folder"),
+        ("json", folder / "manifest.json", "is a file of the run"),
+    ):
+        assert main(["export", str(folder), "--format", form, "-o", str(place)]) == 2
+        assert said in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
