@@ -230,14 +230,14 @@ def assemble(sightings: RawDetections, options: ClipOptions) -> Clip:
     name = sightings.name
     sightings = _without_empty_rows(sightings)
     size = _size(sightings, options)
-    keypoints = sightings.keypoints * (size if sightings.relative else 1.0)
+    pixels = keypoints = sightings.keypoints * (size if sightings.relative else 1.0)
     if options.camera is not None:
-        keypoints = undistorted(keypoints, options.camera)
+        keypoints = undistorted(pixels, options.camera)
     scores = np.where(np.isfinite(keypoints).all(-1), sightings.scores, 0.0)
     if options.confidence is None and sightings.map_name != "mmpose":
         _require_scores(sightings, scores)
     confidences = confidence_map(options.confidence or sightings.map_name)(scores)
-    _require_in_picture(keypoints, confidences, size)
+    _require_in_picture(pixels, confidences, size)
     camera, spread = camera_of(name, options, size=size, likely_focal=sightings.likely_focal)
     fps = options.fps or sightings.fps
     if fps is None:
@@ -246,7 +246,10 @@ def assemble(sightings: RawDetections, options: ClipOptions) -> Clip:
     first, last = sightings.span
     if sightings.poses is not None and sightings.along_ray:
         sightings = replace(sightings, poses=_turned_back(camera, keypoints, sightings.poses))
-    rows = _rows_of_tracks(sightings, keypoints, confidences, options, size)
+    marked = None
+    if options.marks is not None:  # in pixels of the image, with the distortion of the lens
+        marked = _rows_of_marks(sightings, pixels, options.marks)
+    rows = _rows_of_tracks(sightings, keypoints, confidences, options, size=size, marked=marked)
     if sightings.missing:
         _log.info("%s: these files never have %s", name, ", ".join(sightings.missing))
     return Clip(
@@ -342,21 +345,30 @@ def _rows_of_tracks(
     keypoints: Array,
     confidences: Array,
     options: ClipOptions,
+    *,
     size: tuple[int, int],
+    marked: dict[int, int] | None,
 ) -> dict[str, NDArray[np.intp]]:
-    """Row indices of each track by its name, in order of frames."""
-    half_diagonal = float(np.hypot(*size)) / 2 if options.tracker == "paper" else None
-    if options.marks is not None:
-        return _marked(sightings, keypoints, confidences, options.marks, half_diagonal)
-    if sightings.identities:
+    """Row indices of each track by its name, in order of frames.
+
+    ``marked`` are actors by row, with which the tracks agree.
+    """
+    marks = options.marks
+    if marks is None and sightings.identities:
         return _named(sightings, options.people)
-    actors = associate(
-        sightings.frames,
-        keypoints,
-        confidences,
-        people=options.people,
-        half_diagonal=half_diagonal,
-    )
+    try:
+        actors = associate(
+            sightings.frames,
+            keypoints,
+            confidences,
+            people=options.people if marks is None else len(marks.actors),
+            marks=marked,
+            half_diagonal=float(np.hypot(*size)) / 2 if options.tracker == "paper" else None,
+        )
+    except InputError as error:
+        raise InputError(f"{sightings.name}: {error}") from error
+    if marks is not None:
+        return dict(zip(marks.actors, actors, strict=False))
     if len(actors) == 1:
         return {sightings.name: actors[0]}
     return {f"{sightings.name}-{a}": rows for a, rows in enumerate(actors)}
@@ -370,27 +382,12 @@ def _named(sightings: RawDetections, people: int | None) -> dict[str, NDArray[np
     return {who: found[who] for who in sorted(longest)}
 
 
-def _marked(
-    sightings: RawDetections,
-    keypoints: Array,
-    confidences: Array,
-    marks: Marks,
-    half_diagonal: float | None,
-) -> dict[str, NDArray[np.intp]]:
-    """Tracks that agree with the user's marks, by constrained association."""
+def _rows_of_marks(sightings: RawDetections, pixels: Array, marks: Marks) -> dict[int, int]:
+    """Actors by row, of the user's marks."""
     try:
-        rows = rows_of_marks(marks, sightings.frames, keypoints)
-        actors = associate(
-            sightings.frames,
-            keypoints,
-            confidences,
-            people=len(marks.actors),
-            marks=rows,
-            half_diagonal=half_diagonal,
-        )
+        return rows_of_marks(marks, sightings.frames, pixels)
     except InputError as error:
         raise InputError(f"{sightings.name}: {error}") from error
-    return dict(zip(marks.actors, actors, strict=False))
 
 
 def _track(

@@ -145,8 +145,6 @@ _RATE: Final = 10.0
 """Target frame rate in frames a second, at which the model's constants were measured."""
 _LOOKS: Final = 12
 """Number of frames in which the background is compared."""
-_OUTSIDE: Final = 0.02
-"""Fraction of the image beyond its edge from which on a joint counts as outside the picture."""
 
 
 def usual_step(fps: float) -> int:
@@ -265,7 +263,7 @@ def _look(
             thumbnails, every = thumbnails[::2], 2 * every
         person = detector(number + index, image)
         if person is not None:
-            found.append(_within(person))
+            found.append(person)
         if progress is not None:
             progress("detecting joints", min(1.0, (index + 1) / total) if total else 0.0)
     if index < 0:
@@ -273,12 +271,6 @@ def _look(
     if progress is not None:
         progress("detecting joints", 1.0)
     return found, number + index, thumbnails
-
-
-def _within(person: Landmarks) -> Landmarks:
-    """The landmarks with visibility 0 outside the picture, where the detector only guesses."""
-    inside = ((person.image >= -_OUTSIDE) & (person.image <= 1 + _OUTSIDE)).all(-1)
-    return replace(person, visibility=np.where(inside, person.visibility, 0.0))
 
 
 def _refuse_moving(video: Video, thumbnails: list[NDArray[np.float64]]) -> None:

@@ -328,9 +328,10 @@ def _chosen(path: Path, options: ClipOptions) -> str:
 
 def _read(path: Path, form: str, options: ClipOptions) -> tuple[RawDetections, ClipOptions]:
     if form == "joints":
-        return read_joints(path, options)
+        sightings, options = read_joints(path, options)
+        return sightings, _without_distortion(options)
     if form == "trc":
-        return read_trc(path, options), options
+        return read_trc(path, options), _without_distortion(options)
     if form == "mediapipe":
         return read_mediapipe(path), options
     if form == "proposals":
@@ -338,6 +339,13 @@ def _read(path: Path, form: str, options: ClipOptions) -> tuple[RawDetections, C
     if form in ("openpose", *ORDERS):
         return read_openpose(path, order=None if form == "openpose" else form), options
     return read_result_list(path, keypoint_set=None if form == "results" else form), options
+
+
+def _without_distortion(options: ClipOptions) -> ClipOptions:
+    """The options for joints in space, which are projected without the distortion of the lens."""
+    if options.camera is None:
+        return options
+    return replace(options, camera=replace(options.camera, distortion=np.zeros(0)))
 
 
 # ------------------------------------------------------------------------------------------------

@@ -63,6 +63,10 @@ class Landmarks:
     world: Array | None = None
 
 
+_OUTSIDE: Final = 0.02
+"""Fraction of the image beyond its edge from which on a joint counts as outside the picture."""
+
+
 def sightings_of_landmarks(
     name: str,
     found: Sequence[Landmarks],
@@ -103,8 +107,11 @@ def sightings_of_landmarks(
     """
     if not found:
         raise InputError(f"{name}: nobody was found in any frame")
-    visibility = np.stack([landmarks.visibility for landmarks in found])
-    keypoints, scores = sixteen(np.stack([m.image for m in found]), visibility, _NAMES)
+    places = np.stack([landmarks.image for landmarks in found])
+    # Outside of the picture the detector only guesses.
+    inside = ((places >= -_OUTSIDE) & (places <= 1 + _OUTSIDE)).all(-1)
+    visibility = np.where(inside, [landmarks.visibility for landmarks in found], 0.0)
+    keypoints, scores = sixteen(places, visibility, _NAMES)
     poses = np.full((len(found), len(keypoints[0]), 3), np.nan)
     posed = [i for i, landmarks in enumerate(found) if landmarks.world is not None]
     if posed:

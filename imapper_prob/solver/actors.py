@@ -388,10 +388,13 @@ class Part:
         World frame.
     joints : (T, 16, 3) float
         World frame, metres.
+    detected : (T,) bool
+        Frames with a detected joint.
     """
 
     objects: tuple[SceneObject, ...]
     joints: Array
+    detected: NDArray[np.bool_]
 
     @classmethod
     def of(cls, actor: Solution, state: State) -> Part:
@@ -408,7 +411,8 @@ class Part:
         """
         objects = method_of(actor.problem).objects(actor.problem, actor.library, state)
         camera = state_camera(actor.clip.camera, state)
-        return cls(objects, limbs_of(actor.problem, state, camera).joints)
+        detected: NDArray[np.bool_] = np.any(actor.problem.used, axis=1)
+        return cls(objects, limbs_of(actor.problem, state, camera).joints, detected)
 
 
 def _mutual_cost(actor: Solution, one: Part, other: Part) -> float:
@@ -425,7 +429,9 @@ def _mutual_cost(actor: Solution, one: Part, other: Part) -> float:
         for a in pack_boxes([o])
         for b in pack_boxes([p])
     )
-    walked = _depth_inside(one.joints, strangers) + _depth_inside(other.joints, strange)
+    # As in the energy of one actor, only frames with a detection count.
+    walked = _depth_inside(one.joints[one.detected], strangers)
+    walked += _depth_inside(other.joints[other.detected], strange)
     return problem.collision_cost * collisions + problem.motion_cost * problem.frame_weight * walked
 
 

@@ -234,5 +234,6 @@ def _carried_away(problem: Problem, rows: Ints) -> Problem:
     """The problem with some boxes moved far away; the published energy uses only floor
     positions."""
     boxes = problem.boxes.copy()
-    boxes[rows, :2] = _NOWHERE
+    # Apart from each other, because boxes of one scenelet may collide.
+    boxes[rows, :2] = _NOWHERE * (1.0 + np.arange(len(rows)))[:, None]
     return problem._replace(boxes=boxes)

@@ -345,7 +345,8 @@ def fit_clip(
         device=settings.device,
         progress=progress,
     )
-    problem = problem._replace(free_cost=free_pose_cost(problem, fits))
+    if settings.model.energy == "default":
+        problem = problem._replace(free_cost=free_pose_cost(problem, fits))
     if progress is not None:
         progress("judging free poses", 1.0)
     return Fitted(path, frames, camera, problem, fits, characteristic, distances, settings)

@@ -44,6 +44,25 @@ def test_npz_is_projected(tmp_path: Path, rng: np.random.Generator) -> None:
     assert clip.focal_known
 
 
+@pytest.mark.parametrize("form", ["npz", "trc"])
+def test_joints_in_space_have_no_distortion(
+    form: str, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """They are projected without that of the lens, so none is removed."""
+    points = joints(rng)
+    path = tmp_path / f"walk.{form}"
+    if form == "trc":
+        write_trc(path, points, JOINTS)
+    else:
+        np.savez(path, joints=points, fps=25.0)
+    lens = replace(CAMERA, distortion=np.array([-0.3, 0.1, 0.0, 0.0, 0.0]))
+    one, other = (
+        read_whatever(path, ClipOptions(camera=camera)).tracks[0].keypoints
+        for camera in (CAMERA, lens)
+    )
+    np.testing.assert_array_equal(one, other)
+
+
 def test_npz_of_two_people_and_of_other_names(tmp_path: Path, rng: np.random.Generator) -> None:
     points = np.stack([joints(rng), np.add(joints(rng), (1, 0, 0))])
     order = rng.permutation(N_JOINTS)

@@ -95,6 +95,15 @@ def test_mediapipe(tmp_path: Path) -> None:
     assert pose[LANK] @ ray == pytest.approx(ankle[1])
 
 
+def test_mediapipe_only_guesses_outside_of_the_picture(tmp_path: Path) -> None:
+    dump = landmarks()
+    ankle = KEYPOINT_SETS["mediapipe_33"].index("left_ankle")
+    dump["frames"][3]["landmarks"][ankle]["y"] = 1.1
+    track = read_whatever(write_json(tmp_path / "dump.json", dump), OPTIONS).tracks[0]
+    assert track.confidences[3, LANK] == 0
+    assert track.confidences[4, LANK] > 0
+
+
 def test_mediapipe_rows_and_absence(tmp_path: Path) -> None:
     frames = landmarks(world=False)["frames"]
     rows: list[Any] = [

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from imapper_prob.clips.load import ClipOptions, read_marks, read_whatever
+from imapper_prob.clips.options import CameraFile
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.skeleton import PELV
 from tests.clips.bodies import SIZE, place, write_json, write_openpose
@@ -33,6 +34,18 @@ def test_names_go_where_they_were_marked(tmp_path: Path) -> None:
     assert [track.name for track in clip.tracks] == ["anna", "ben"]
     anna, ben = (track.keypoints[:, PELV, 0] for track in clip.tracks)
     np.testing.assert_allclose(anna - ben, 300)
+
+
+def test_marks_are_in_the_picture_as_it_is(tmp_path: Path) -> None:
+    """With the distortion of the lens, which moves detections."""
+    folder = write_openpose(tmp_path / "film", "body_25", people=2)
+    said = read_marks(write_json(tmp_path / "marks.json", marks()))
+    matrix = np.array([[600.0, 0, 900], [0, 600, 360], [0, 0, 1]])
+    lens = CameraFile(SIZE, matrix, np.array([-0.25, 0.05, 0.0, 0.0, 0.0]))
+    clip = read_whatever(folder, ClipOptions(camera=lens, fps=25, marks=said))
+    anna, ben = (track.keypoints[:, PELV, 0] for track in clip.tracks)
+    assert (anna > ben).all()
+    assert abs(ben[2] - place(2, 0)[0]) > 100
 
 
 def test_names_alone_are_enough(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.solver.actors import (
     Part,
     Solved,
+    _mutual_cost,
     share_camera,
     shared_furniture,
     solve_actors,
@@ -147,7 +148,7 @@ def test_both_people_and_their_table_are_found_once() -> None:
 def part(*objects: object, depth: float) -> Part:
     joints = np.zeros((4, 16, 3))
     joints[..., 1] = depth
-    return Part(tuple(objects), joints)  # type: ignore[arg-type]
+    return Part(tuple(objects), joints, np.ones(4, bool))  # type: ignore[arg-type]
 
 
 def test_what_two_found_is_one_and_the_nearer_one_is_believed() -> None:
@@ -158,6 +159,16 @@ def test_what_two_found_is_one_and_the_nearer_one_is_believed() -> None:
         ("couch", 0.0), ("table", 3.0), ("couch", -4.0),
     ]  # fmt: skip
     assert users == ((0, 1), (1,), (0,))
+
+
+def test_nobody_walks_through_furniture_where_nobody_is_detected() -> None:
+    """Paths go on where a person is out of sight, through whatever others use there."""
+    actor = couple().actors[0]
+    walker = replace(part(depth=3.0), joints=np.tile([0.0, 3.0, 0.4], (4, 16, 1)))
+    beside = part(couch(0.0, 3.0), depth=6.0)
+    assert _mutual_cost(actor, walker, beside) > 0.1
+    gone = replace(walker, detected=np.zeros(4, bool))
+    assert _mutual_cost(actor, gone, beside) == 0
 
 
 def test_other_labels_and_other_places_stay_two() -> None:
