@@ -426,7 +426,8 @@ def require_writable(folder: Path) -> None:
         while not there.exists():
             there = there.parent
     if not there.is_dir():
-        raise InputError(f"{folder}: {there} is a file; name another folder")
+        where = "" if there == folder else f"{there} "
+        raise InputError(f"{folder}: {where}is a file; name another folder")
     if not os.access(there, os.W_OK):
         raise InputError(f"{folder}: {there} is not writable; name another folder")
 

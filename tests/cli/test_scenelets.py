@@ -148,7 +148,7 @@ def test_what_the_disk_refuses_is_said(
     (tmp_path / "file").write_text("no folder")
     out = tmp_path / "file" / "mine.npz"
     assert main(["scenelets", "build", "--from", "npz", str(recordings), "-o", str(out)]) == 2
-    assert "cannot be written" in error_of(capsys)
+    assert "is a file; name another folder" in error_of(capsys)
 
 
 def test_a_recording_of_nobody_is_no_library(
