@@ -82,7 +82,8 @@ def test_every_reference_remembers_the_best_scene_so_far(monkeypatch: pytest.Mon
     assert values == sorted(values)
     best = found.progress.best
     assert best.log_density == pytest.approx(log_posterior(setup.problem, best.state), abs=1e-6)
-    assert best.log_density >= max(*values, *found.log_posterior)
+    # Chains keep values that are rounded otherwise.
+    assert best.log_density >= max(*values, *found.log_posterior) - 1e-6
     # A walk of 17 states is a fourth as much as what was visited, or a little more or less.
     for visits, state in zip(found.progress.visits[1:], about[1:], strict=False):
         rows = visits.arrays()
