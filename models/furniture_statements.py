@@ -27,7 +27,7 @@ __all__ = ["Behind", "Contact", "ObjectAt", "Presence", "SameObject", "Seen"]
 
 _LEAST_PIXELS: Final = 0.01
 """Least standard deviation of measured edges in a picture, px; chosen, see ``LEAST_METRES``."""
-_LEAST_CLUTTER: Final = 1e-6
+_LEAST_CLUTTER: Final = 1e-12
 _MOST_CLUTTER: Final = 1e3
 """Range of the expected number of false detections in a picture; chosen."""
 
