@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from imapper_prob.files import read_toml
+from imapper_prob.files import parse_toml, read_text
 from imapper_prob.models.detector import DetectorSettings
 from imapper_prob.models.errors import (
     InputError,
@@ -320,8 +319,7 @@ def read_config(path: str | Path) -> Config:
     7
     """
     path = Path(path)
-    config: Config = _build(Config, read_toml(path), str(path))
-    return config
+    return from_toml(read_text(path), where=str(path))
 
 
 def from_toml(text: str, *, where: str) -> Config:
@@ -342,9 +340,5 @@ def from_toml(text: str, *, where: str) -> Config:
     InputError
         See :func:`read_config`.
     """
-    try:
-        values = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also covers numbers of more than 4,300 digits
-        raise InputError(f"{where}: not a TOML file ({error})") from error
-    config: Config = _build(Config, values, where)
+    config: Config = _build(Config, parse_toml(text, where=where), where)
     return config

@@ -42,7 +42,7 @@ except ImportError:  # systems without such locks exclude nobody
     fcntl = None  # type: ignore[assignment]
 
 __all__ = [
-    "disk_errors_named", "folder_held", "folder_published", "read_text", "read_toml",
+    "disk_errors_named", "folder_held", "folder_published", "parse_toml", "read_text", "read_toml",
     "require_intact", "require_output", "require_own", "require_writable", "without_nan",
     "written_whole",
 ]  # fmt: skip
@@ -164,12 +164,31 @@ def read_toml(path: Path) -> dict[str, Any]:
     InputError
         See :func:`read_text`, or the file is not TOML.
     """
+    return parse_toml(read_text(path), where=str(path))
+
+
+def parse_toml(text: str, *, where: str) -> dict[str, Any]:
+    """The tables of a text in TOML.
+
+    Parameters
+    ----------
+    text : str
+    where : str
+        Name of the text's source, for messages.
+
+    Returns
+    -------
+    dict of str to object
+
+    Raises
+    ------
+    InputError
+        The text is not TOML.
+    """
     try:
-        return tomllib.loads(read_text(path))
+        return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also covers numbers of more than 4,300 digits
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: not a TOML file ({error})") from error
+        raise InputError(f"{where}: not a TOML file ({error})") from error
 
 
 def without_nan(value: Any) -> Any:

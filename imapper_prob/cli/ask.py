@@ -78,10 +78,8 @@ def _ask(options: argparse.Namespace) -> None:
         raise InputError(f"{options.output}: is the run that is asked; name another folder")
     statements = read_statements(options.given)
     before = load_posterior(options.folder)
-    library = None if options.library is None else load_library(options.library)
-    check_file(
-        options.given, statements, before.clip, library or load_library(before.config.library)
-    )
+    library = load_library(options.library or before.config.library)
+    check_file(options.given, statements, before.clip, library)
     with run_folder(options.output, overwrite=options.overwrite), progress_bars() as progress:
         after = before.given(
             statements,
