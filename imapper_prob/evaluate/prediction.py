@@ -117,12 +117,12 @@ def between_frames(joints: ArrayLike) -> Array:
 
     Parameters
     ----------
-    joints : (T, J, 3) float
-        NaN where missing; each joint is treated separately.
+    joints : (T, J, 3) or (T, J, 2) float
+        In space or in the picture; NaN where missing; each joint is treated separately.
 
     Returns
     -------
-    (T, J, 3) float
+    (T, J, 3) or (T, J, 2) float
         Still NaN before the first and after the last frame of a joint.
     """
     filled = np.array(joints, dtype=np.float64)
@@ -133,7 +133,7 @@ def between_frames(joints: ArrayLike) -> Array:
             continue
         first, last = frames[there][[0, -1]]
         gap = frames[first : last + 1]
-        for axis in range(3):
+        for axis in range(filled.shape[2]):
             filled[gap, joint, axis] = np.interp(gap, frames[there], filled[there, joint, axis])
     return filled
 
@@ -233,7 +233,7 @@ def read_prediction(path: str | Path, clip: Clip) -> Prediction:
     joints = between_frames(_table(path, data, "joints", clip, 3))
     pixels = clip.camera.project_camera(joints)
     if "pixels" in data:
-        pixels = _table(path, data, "pixels", clip, 2)
+        pixels = between_frames(_table(path, data, "pixels", clip, 2))
     listed = data.get("objects", [])
     if not isinstance(listed, list):
         raise InputError(f"{path}: 'objects' must be a list")

@@ -1,7 +1,8 @@
 """Scores of stated probabilities: proper scores, and all scores of a posterior.
 
 Scores are proper: their expectation is best when the stated probabilities are the true ones
-(Gneiting and Raftery 2007, *Strictly proper scoring rules, prediction, and estimation*).
+(Gneiting and Raftery 2007, *Strictly proper scoring rules, prediction, and estimation*). Those of
+presence are only nearly so, because of their divisor.
 """
 
 from __future__ import annotations
@@ -155,18 +156,28 @@ def presence_scores(claims: Sequence[Claim], truth: TruthInView) -> tuple[float,
     Returns
     -------
     brier, logarithmic : float
-        The logarithmic score is in nats. A cluster counts as present if it is paired with a true
-        object within a metre; true objects in no draw have probability 0. Means over both kinds.
+        The logarithmic score is in nats. Clusters and true objects of one group within a metre are
+        matched one to one, so that the probability of the matched ones is greatest. Matched
+        clusters count as present; true objects without one have probability 0. Sums over both
+        kinds, divided by the number of true objects (1 if nothing is true): improbable clusters,
+        however many, change little. NaN if nothing is stated.
     """
-    shown = [c.representative for c in claims]
-    near = {id(p.found) for p in pair_up(truth.used_objects, shown) if p.near}
-    stated = [(c.probability, id(o) in near) for c, o in zip(claims, shown, strict=True)]
-    stated += [(0.0, True)] * (len(truth.used) - len(near))
-    if not stated:
+    true = truth.used_objects
+    probability = np.array([claim.probability for claim in claims])
+    near = np.zeros((len(true), len(claims)))
+    for i, k in np.ndindex(near.shape):
+        near[i, k] = any(p.near for p in pair_up([true[i]], [claims[k].representative]))
+    rows, columns = linear_sum_assignment(near * probability, maximize=True)
+    there = np.zeros(len(claims))
+    there[columns] = near[rows, columns]
+    missed = len(true) - int(there.sum())
+    probability = np.append(probability, np.zeros(missed))
+    there = np.append(there, np.ones(missed))
+    if not len(there):
         return float("nan"), float("nan")
-    probability = np.array([p for p, _ in stated])
-    there = np.array([t for _, t in stated], dtype=float)
-    return brier(probability, there)
+    square, logarithmic = brier(probability, there)
+    weight = len(there) / max(len(true), 1)
+    return square * weight, logarithmic * weight
 
 
 @dataclass(frozen=True)

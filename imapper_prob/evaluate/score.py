@@ -121,7 +121,7 @@ def _about_pelvis(joints: Array) -> Array:
 
 def _score(squares: list[Array], wanted: Flags) -> PoseScore:
     there = wanted & np.isfinite(squares[0])
-    world, local, pixels = (_root_mean(s[there & np.isfinite(s)]) for s in squares)
+    world, local, pixels = (_root_mean(s[wanted & np.isfinite(s)]) for s in squares)
     count = int(there.sum())
     return PoseScore(100 * world, 100 * local, pixels, count, int(wanted.sum()) - count)
 

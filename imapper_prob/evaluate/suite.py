@@ -110,14 +110,16 @@ def truth_of_part(truth: TruthInView, part: float) -> TruthInView:
     -------
     TruthInView
     """
-    count = _count(len(truth.joints), part)
+    frames = len(truth.frame_ids)
+    count = _count(frames, part)
+    rows = np.arange(len(truth.joints)).reshape(-1, frames)[:, :count].ravel()
     return replace(
         truth,
         frame_ids=truth.frame_ids[:count],
-        joints=truth.joints[:count],
-        pixels=truth.pixels[:count],
-        hidden=truth.hidden[:count],
-        actions=truth.actions[:count],
+        joints=truth.joints[rows],
+        pixels=truth.pixels[rows],
+        hidden=truth.hidden[rows],
+        actions=tuple(truth.actions[row] for row in rows.tolist()) if truth.actions else (),
     )
 
 

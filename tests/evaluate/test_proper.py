@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -92,8 +93,29 @@ def test_probabilities_of_presence() -> None:
 
     # The chair is there, a bed is not, and nobody thinks of the shelf.
     square, log = presence_scores((claim("chair", 0.3, 4, 0.9), claim("bed", 0, 8, 0.2)), truth())
-    assert square == pytest.approx((0.1**2 + 0.2**2 + 1) / 3)
-    assert log == pytest.approx(-(np.log(0.9) + np.log(0.8) + np.log(0.0025)) / 3)
+    # Two objects are true.
+    assert square == pytest.approx((0.1**2 + 0.2**2 + 1) / 2)
+    assert log == pytest.approx(-(np.log(0.9) + np.log(0.8) + np.log(0.0025)) / 2)
+    # Improbable clusters hardly change the score, wherever they are.
+    rare = [claim("chair", 0.1, 4, 0.005), *(claim("bed", k, 9, 0.005) for k in range(5))]
+    more, _ = presence_scores(
+        (claim("chair", 0.3, 4, 0.9), *rare, claim("bed", 0, 8, 0.2)), truth()
+    )
+    assert more == pytest.approx(square, abs=1e-4)
+
+
+def test_presence_is_matched_one_to_one_as_favourably_as_it_can_be() -> None:
+    chairs = (piece("chair", 0, 4), piece("chair", 1.2, 4))
+    known = replace(truth(chairs), used=(0, 1))
+    claims = tuple(
+        Claim(p, {"chair": 1.0}, (piece("chair", x, 4),)) for p, x in ((0.9, 0.7), (0.8, 2.0))
+    )
+    # The nearest chair of the first is the only one of the second.
+    assert presence_scores(claims, known)[0] == pytest.approx((0.1**2 + 0.2**2) / 2)
+    # Nothing is true: every claim costs.
+    nothing = replace(truth(()), used=())
+    assert presence_scores(claims, nothing)[0] == pytest.approx(0.9**2 + 0.8**2)
+    assert np.isnan(presence_scores((), nothing)[0])
 
 
 def test_labels() -> None:

@@ -72,6 +72,14 @@ def test_a_part_of_a_clip_has_its_first_frames() -> None:
     assert len(cut.joints) == len(cut.pixels) == len(cut.hidden) == 6
     assert cut.used == known.used
     assert first_part(whole, 1.0) is whole
+    # Rows of a second person follow those of the first.
+    both = {
+        name: np.concatenate([getattr(known, name)] * 2) for name in ("joints", "pixels", "hidden")
+    }
+    actions = tuple(f"{who} {t}" for who in "ab" for t in range(len(known.joints)))
+    cut = truth_of_part(replace(known, **both, actions=actions), 0.5)
+    np.testing.assert_array_equal(cut.joints[6:], known.joints[:6])
+    assert cut.actions == tuple(f"{who} {t}" for who in "ab" for t in range(6))
 
 
 def test_a_folder_of_other_settings_is_refused(tmp_path: Path) -> None:
