@@ -107,7 +107,7 @@ def fall(layouts: Ints, log_weights: Array, rng: np.random.Generator) -> float:
     """Bits by which weights lower the entropy of layouts.
 
     The entropy of few effective draws is too low. So the entropy with weights is compared with what
-    it is if the layouts of each chain are moved around, so that weights tell nothing of them.
+    it is if the layouts are moved along all chains, so that weights tell nothing of them.
 
     Parameters
     ----------

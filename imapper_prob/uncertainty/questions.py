@@ -8,8 +8,10 @@ is left out of its own means, and each layout gets one pseudo-draw that answers 
 that rare layouts, of which little is known, add nothing.
 
 This estimate is biased: the logarithm of a noisy mean is too low, and neighbours in a chain are
-like the draw that is left out. So what it finds after the layouts of each chain are moved around
-against its answers, where the true information is 0, is subtracted.
+like the draw that is left out. So what it finds after the layouts are moved along the chains
+against the answers, where the true information is 0, is subtracted. If no chain ever leaves the
+layout in which it is, one cannot tell whether answers differ by layout or by chain: the error is
+then unknown.
 """
 
 from __future__ import annotations
@@ -196,10 +198,12 @@ def _about_objects(clusters: Sequence[ObjectCluster], radius: float) -> list[tup
         region = tuple((float(a), float(b)) for a, b in circle + cluster.mean)
         where = f"({x:.1f}, {y:.1f}) m"
         if _OPEN < cluster.presence < 1 - _OPEN:
-            names = " or ".join(cluster.labels)
-            asked.append(
-                (f"Is there a {names} at {where}?", Presence(tuple(cluster.labels), region=region))
-            )
+            # A label that is all but impossible would be answered by another object near by.
+            labels = [label for label, share in cluster.labels.items() if share > _OPEN]
+            asked.append((
+                f"Is there a {' or '.join(labels)} at {where}?",
+                Presence(tuple(labels), region=region),
+            ))  # fmt: skip
         for label, share in cluster.labels.items():
             if _OPEN < share < 1 - _OPEN:
                 asked.append(
@@ -311,7 +315,7 @@ def information(
     Returns
     -------
     bits, error : float
-        The error is NaN if chains are too short.
+        The error is NaN if chains are too short, or if they differ and none changes its layout.
     """
     if densities.shape == (layouts.size, layouts.size):
         np.fill_diagonal(densities := densities.copy(), 0.0)
@@ -322,14 +326,17 @@ def information(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ShortChainWarning)
         error = float(mean_error(gained.reshape(layouts.shape))) if np.ptp(gained) > 0 else 0.0
+    if np.ptp(layouts) > 0 and not np.ptp(layouts, axis=1).any():
+        error = float("nan")
     return float(gained.mean()), error
 
 
 def shifted(layouts: Ints, rng: np.random.Generator) -> list[Ints]:
-    """Copies of the layouts of chains, each chain moved around by a random number of draws.
+    """Copies of the layouts of chains, moved along all chains by a random number of draws.
 
-    Draws and layouts of a copy have nothing to do with each other, but are as correlated along
-    chains as they are.
+    Draws and layouts of a copy have nothing to do with each other, but layouts last as long as they
+    do in the chains. They move on into the next chain, because chains that stay in a layout of
+    their own would not change otherwise, and by a fourth of a chain at least.
 
     Parameters
     ----------
@@ -339,10 +346,11 @@ def shifted(layouts: Ints, rng: np.random.Generator) -> list[Ints]:
     Returns
     -------
     list of (C, N) int
-        None of the chains is left where it is, if it has two draws or more.
+        No draw is left where it is, if there are two or more.
     """
-    steps = rng.integers(1, max(2, layouts.shape[1]), (_SHIFTS, len(layouts)))
-    return [np.stack(list(map(np.roll, layouts, row))) for row in steps]
+    least = max(1, layouts.shape[1] // 4)
+    steps = rng.integers(least, max(least + 1, layouts.size - least + 1), _SHIFTS)
+    return [np.roll(layouts.ravel(), step).reshape(layouts.shape) for step in steps]
 
 
 def _gained(layouts: Ints, densities: Array) -> Array:

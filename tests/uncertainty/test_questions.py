@@ -91,6 +91,19 @@ def test_answers_that_no_other_draw_gives_tell_nothing(rng: np.random.Generator)
     assert information(np.array([[0, 1], [1, 0]]), np.eye(4), rng=rng) == (0.0, 0.0)
 
 
+def test_chains_that_stay_in_layouts_of_their_own_leave_the_error_unknown(
+    rng: np.random.Generator,
+) -> None:
+    layouts = np.repeat(np.arange(4), DRAWS).reshape(4, DRAWS)
+    yes = np.repeat([0.0, 0.0, 1.0, 1.0], DRAWS)
+    found, error = information(layouts, np.stack([yes, 1 - yes], -1), rng=rng)
+    # One bit, less what layouts moved by a part f of a chain tell: 1 - h(f) / 2, .64 in the mean.
+    assert 0.2 < found < 0.52
+    assert np.isnan(error)
+    layouts[0, 0] = 1
+    assert not np.isnan(information(layouts, np.stack([yes, 1 - yes], -1), rng=rng)[1])
+
+
 @pytest.mark.parametrize("times", [(1, 1), (20, 60)])
 def test_chains_that_mix_slowly_tell_no_more_than_they_know(times: tuple[int, int]) -> None:
     """Layouts and a number have nothing to do with each other, but few draws of each count."""
