@@ -70,7 +70,7 @@ def test_a_clip_that_is_too_slow_for_the_library_is_refused_before_the_work(
         write_clip(tmp_path / "clip.npz", clip)
         assert main([command, str(tmp_path / "clip.npz"), "-o", str(tmp_path / "out")]) == 2
         said = " ".join(capsys.readouterr().err.split())
-        assert f"clip demo: {fps:g} frames a second; library built-in 3 needs at least 1.43" in said
+        assert f"clip demo: {fps:g} frames a second; library built-in 4 needs at least 1.43" in said
         assert not (tmp_path / "out").exists()
         with pytest.raises(InputError, match=r"needs at least 1\.43"):
             solve(clip)

@@ -1,9 +1,9 @@
 """Build libraries from captures: cut motion, convert to local frames, add objects and weights.
 
 The construction follows Monszpart et al. (2019, section 4), with three additions. All motion is
-converted to one frame rate and one stature, because a library has one of each; furniture keeps its
-size. Each scenelet has a weight: one over the number of scenelets that begin near it in the same
-room.
+converted to one frame rate and one stature, because a library has one of each. The furniture is
+scaled with the person, so that both fit. Each scenelet has a weight: one over the number of
+scenelets that begin near it in the same room.
 """
 
 from __future__ import annotations
@@ -401,7 +401,10 @@ def _scenelets(motion: _Motion, weights: Array, scale: float) -> list[Scenelet]:
             fps=_FPS,
         )
         # Scale about the local origin, which is on the floor below the pelvis.
-        result.append(replace(own, joints=own.joints / scale, weight=float(weight)))
+        objects = tuple(piece.scaled(1.0 / scale) for piece in own.objects)
+        result.append(
+            replace(own, joints=own.joints / scale, objects=objects, weight=float(weight))
+        )
     return result
 
 

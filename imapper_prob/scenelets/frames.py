@@ -11,7 +11,7 @@ from imapper_prob.models.scene import Cuboid, Placement, SceneObject
 from imapper_prob.models.scenelet import Scenelet
 from imapper_prob.models.skeleton import MIRROR, PELV, facing
 
-__all__ = ["REACH", "localised", "mirrored", "resized"]
+__all__ = ["REACH", "localised", "mirrored"]
 
 Array = NDArray[np.float64]
 
@@ -87,23 +87,3 @@ def mirrored(scenelet: Scenelet, name: str) -> Scenelet:
         for o in scenelet.objects
     )
     return Scenelet(name, scenelet.action, joints, objects, scenelet.fps, scenelet.weight)
-
-
-def resized(piece: SceneObject, factor: float) -> SceneObject:
-    """Scale an object and its placement about the origin of the parent frame.
-
-    Parameters
-    ----------
-    piece : SceneObject
-    factor : float
-
-    Returns
-    -------
-    SceneObject
-    """
-    at = piece.placement
-    return SceneObject(
-        piece.label,
-        Placement(at.x * factor, at.y * factor, at.yaw),
-        tuple(Cuboid(c.part, c.centre * factor, c.size * factor) for c in piece.cuboids),
-    )

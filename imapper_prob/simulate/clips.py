@@ -412,7 +412,7 @@ def _act(
         if stay is None:
             return None
         stays.append(stay)
-        furniture += [piece.moved(stay.placement) for piece in scenelet.objects]
+        furniture += stay.furniture(scale)
     for k in range(n_bystanders):
         stay = stays[k % len(stays)]
         piece = _first(

@@ -160,7 +160,7 @@ def draw_stay(
     scenelet : Scenelet
     camera : Camera
     scale : float
-        Factor on the size of the body.
+        Factor on the size of the body and of its furniture.
     furniture : sequence of SceneObject
         Furniture in world coordinates to keep clear of.
 
@@ -171,7 +171,7 @@ def draw_stay(
     """
     x, y = _anywhere(rng, camera)
     placement = Placement(float(x), float(y), float(rng.uniform(-np.pi, np.pi)))
-    own = [piece.moved(placement) for piece in scenelet.objects]
+    own = [piece.scaled(scale).moved(placement) for piece in scenelet.objects]
     if any(_distance(_outline(piece), furniture) < GAP for piece in own):
         return None
     if min(piece.footprint[:, 1].min() for piece in own) < NEAREST / 2:
@@ -226,7 +226,7 @@ def draw_bystander(
         Stay of the person.
     camera : Camera
     scale : float
-        Factor on the size of the body.
+        Factor on the size of the body and of the piece.
     furniture : sequence of SceneObject
         Furniture in world coordinates to keep clear of.
 
@@ -235,7 +235,7 @@ def draw_bystander(
     SceneObject or None
         None if the attempt found no room for it.
     """
-    piece = pieces[int(rng.integers(len(pieces)))]
+    piece = pieces[int(rng.integers(len(pieces)))].scaled(scale)
     joints = stay.joints(scale)
     middle = joints[len(joints) // 2]
     x, y = middle[PELV, :2] * (1 - rng.uniform(0.8, 1.6) / np.linalg.norm(middle[PELV, :2]))
@@ -442,6 +442,21 @@ class Stay:
             World coordinates, metres.
         """
         return self.placement.apply(self.scenelet.joints * scale)
+
+    def furniture(self, scale: float) -> list[SceneObject]:
+        """Furniture of the scenelet, scaled with the body.
+
+        Parameters
+        ----------
+        scale : float
+            Factor on the size of the body.
+
+        Returns
+        -------
+        list of SceneObject
+            World coordinates.
+        """
+        return [o.scaled(scale).moved(self.placement) for o in self.scenelet.objects]
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.scene import Clip, Placement, Truth
+from imapper_prob.models.scene import Clip, Placement, SceneObject, Truth
 from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.skeleton import DETECTED, PELV, facing
 from imapper_prob.scenelets.library import built_in_library
@@ -177,7 +177,8 @@ def simulate_performance(family: str, index: int, *, seed: int = 0) -> Performan
         stay = _stay(rng, scenelet, camera=camera, scale=scale)
         acted = stay and _walk_to(rng, stay, gait, camera=camera, scale=scale, n_frames=n_frames)
         if stay and acted:
-            return _filmed(rng, f"{family} {index}", stay, *acted, camera=camera)
+            objects = tuple(stay.furniture(scale))
+            return _filmed(rng, f"{family} {index}", stay, objects, *acted, camera=camera)
     raise InputError(f"clip {family} {index}: found no room in {_TRIES} tries")
 
 
@@ -230,7 +231,7 @@ def _walk_to(
 
     None if this attempt found no route, or if too little of the person would be in the image.
     """
-    furniture = [piece.moved(stay.placement) for piece in stay.scenelet.objects]
+    furniture = stay.furniture(scale)
     entries = (draw_entry(rng, stay, camera=camera, furniture=furniture) for _ in range(10))
     entry = _first(entries)
     if entry is None:
@@ -255,13 +256,13 @@ def _filmed(
     rng: np.random.Generator,
     name: str,
     stay: Stay,
+    objects: tuple[SceneObject, ...],
     joints: Array,
     there: NDArray[np.bool_],
     *,
     camera: Camera,
 ) -> Performance:
     """The clip of a performance, with the nominal camera in place of the true one."""
-    objects = tuple(piece.moved(stay.placement) for piece in stay.scenelet.objects)
     hidden = hidden_joints(camera, joints, objects)
     track = simulate_track(rng, joints, hidden, camera=camera, fps=FPS)
     actions = tuple(stay.scenelet.action if t else "walking" for t in there.tolist())

@@ -345,7 +345,7 @@ def test_overwrite_goes_on_with_its_own_checkpoints_and_drops_those_of_others(
         (["--focal", "1e12"], "focal length fx"),
         (["--focal", "1e-6"], "focal length fx"),
         (["--fps", "1e12"], "1e+12 frames a second; films have 1000 at most"),
-        (["--fps", "1e-3"], "0.001 frames a second; library built-in 3 needs at least 1.43"),
+        (["--fps", "1e-3"], "0.001 frames a second; library built-in 4 needs at least 1.43"),
         (["--people", "1000000000"], "people = 1000000000"),
     ],
 )

@@ -196,7 +196,7 @@ def test_a_film_that_does_not_suit_is_refused_before_its_joints_are_detected(
     arguments = [command, str(write_film(tmp_path / "room.mp4", film())), "-o"]
     assert main([*arguments, str(tmp_path / "out"), "--fps", "1.4"]) == 2
     said = " ".join(capsys.readouterr().err.split())
-    assert "clip room: 1.4 frames a second; library built-in 3 needs at least 1.43" in said
+    assert "clip room: 1.4 frames a second; library built-in 4 needs at least 1.43" in said
     monkeypatch.setattr(memory, "MOST_FRAMES", 15)
     assert main([*arguments, str(tmp_path / "out")]) == 2
     said = " ".join(capsys.readouterr().err.split())

@@ -89,7 +89,7 @@ def test_furniture_within_reach_belongs_to_a_scenelet() -> None:
 
 
 @pytest.mark.parametrize("scale", [0.85, 1.0, 1.15])
-def test_bodies_become_the_reference_body_and_furniture_stays(scale: float) -> None:
+def test_bodies_become_the_reference_body_and_furniture_follows(scale: float) -> None:
     chair = box("chair", x=0.6, y=1.5, side=0.45)
     tall = walking(30) * (scale, scale, scale)
     library, report = build(capture(tall, chair))
@@ -99,10 +99,10 @@ def test_bodies_become_the_reference_body_and_furniture_stays(scale: float) -> N
             bones = np.linalg.norm(scenelet.joints[:, a] - scenelet.joints[:, b], axis=1)
             np.testing.assert_allclose(bones, length, atol=0.02)
         for piece in scenelet.objects:
-            np.testing.assert_allclose(piece.cuboids[0].size, 0.45)
-    # The chair is as far from the pelvis at the middle of a clip as it was in the room.
+            np.testing.assert_allclose(piece.cuboids[0].size, 0.45 / scale)
+    # In the scale of the body, the chair is as far from the pelvis as it was in the room.
     distances = [np.hypot(*s.objects[0].centre[:2]) for s in library if s.objects]
-    assert min(distances) == pytest.approx(0.6, abs=0.02)
+    assert min(distances) == pytest.approx(0.6 / scale, abs=0.02 / scale)
 
 
 def test_wrong_wrists_and_ankles_do_not_change_the_scale(rng: np.random.Generator) -> None:

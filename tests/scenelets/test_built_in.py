@@ -17,6 +17,7 @@ from imapper_prob.models.skeleton import (
     LWRI,
     PELV,
     RANK,
+    REFERENCE_STATURE,
     RWRI,
     THRX,
     facing,
@@ -33,6 +34,7 @@ from imapper_prob.scenelets.procedural.body import (
 )
 from imapper_prob.scenelets.procedural.catalogue import CATALOGUE, Entry, build_library
 from imapper_prob.scenelets.procedural.on_foot import idle
+from lab.scenelets import seat_top
 from lab.unseen.families import family_of
 from tests.machine import timed
 
@@ -267,17 +269,28 @@ def test_furniture_stands_on_the_floor_at_its_middle(library: Library) -> None:
             np.testing.assert_allclose((low + high)[:2], 0.0, atol=1e-9)
 
 
-def test_furniture_has_its_real_size_whoever_uses_it(library: Library) -> None:
+def test_furniture_has_its_real_size_in_the_scale_of_its_performer(library: Library) -> None:
+    largest = REFERENCE_STATURE / STATURE_RANGE[0]
     tallest = {label: 0.0 for label in ("table", "counter", "shelf")}
     for scenelet in library:
         for piece in scenelet.objects:
             if piece.label in tallest:
                 tallest[piece.label] = max(tallest[piece.label], piece.bounds[1, 2])
-    assert 0.72 <= tallest["table"] <= 0.76
-    assert 0.85 <= tallest["counter"] <= 0.95
-    assert tallest["shelf"] <= 2.25
-    # Seats look lower to the tall: heights of hips over seats of one size differ by stature.
-    assert STATURE_RANGE[1] / STATURE_RANGE[0] > 1.1
+    assert 0.76 < tallest["table"] <= 0.76 * largest
+    assert 0.95 < tallest["counter"] <= 0.95 * largest
+    assert 2.25 < tallest["shelf"] <= 2.25 * largest
+
+
+def test_all_hips_are_as_high_above_a_seat(library: Library) -> None:
+    """Furniture in the scale of another body than the motion's would vary this by 2 cm."""
+    above = []
+    for scenelet in library:
+        if scenelet.name.startswith("sit-chair"):
+            pelvis = float(np.median(scenelet.joints[:, PELV, 2]))
+            chairs = [o for o in scenelet.objects if o.label == "chair"]
+            above.append(pelvis - seat_top(chairs[0]))
+    assert len(above) > 20
+    assert np.std(above) < 0.008
 
 
 def test_sides_of_a_label_differ_as_the_model_says(library: Library) -> None:

@@ -110,6 +110,25 @@ def test_the_body_has_one_scale(clip: Clip) -> None:
     assert 0.8 < np.mean(scale) < 1.25
 
 
+def test_furniture_has_the_scale_of_the_body(rng: np.random.Generator) -> None:
+    library = built_in_library()
+    name = "sit-couch-table-003"
+    made = simulate_clip(rng, library, script=[name], n_bystanders=0)
+    assert made.truth is not None
+    joints, _ = truths(made)
+    own = next(s for s in library if s.name == name)
+    ratios = [
+        np.ptp(true.bounds, axis=0) / np.ptp(piece.bounds, axis=0)
+        for true, piece in zip(made.truth.objects, own.objects, strict=True)
+    ]
+    np.testing.assert_allclose(ratios, ratios[0][0])
+    bones = [
+        np.linalg.norm(joints[:, a] - joints[:, b], axis=-1).mean() / length
+        for (a, b), length in BONE_LENGTHS.items()
+    ]
+    assert np.median(bones) == pytest.approx(ratios[0][0], rel=0.02)
+
+
 @some
 @given(any_clip)
 def test_in_a_stay_the_motion_is_a_scenelets(clip: Clip) -> None:

@@ -2,9 +2,8 @@
 
 Segment lengths are fixed fractions of stature (Drillis and Contini 1966), so a person of any
 stature is the reference body in a scaled room. Recipes pose only the reference body, among the
-furniture of :meth:`Person.sees`; the catalogue undoes the scaling of the furniture. So all motions
-of the library are of the reference body, while the height of a seat relative to the person varies
-as among people.
+furniture of :meth:`Person.sees`. So all scenelets are of the reference body, and the height of a
+seat relative to the person varies as among people.
 """
 
 from __future__ import annotations
@@ -39,7 +38,6 @@ from imapper_prob.models.skeleton import (
     RWRI,
     THRX,
 )
-from imapper_prob.scenelets.frames import resized
 
 __all__ = [
     "ANKLE_HEIGHT",
@@ -135,20 +133,7 @@ class Person:
         -------
         SceneObject
         """
-        return resized(piece, REFERENCE_STATURE / self.stature)
-
-    def returns(self, piece: SceneObject) -> SceneObject:
-        """Furniture converted back to metres.
-
-        Parameters
-        ----------
-        piece : SceneObject
-
-        Returns
-        -------
-        SceneObject
-        """
-        return resized(piece, self.stature / REFERENCE_STATURE)
+        return piece.scaled(REFERENCE_STATURE / self.stature)
 
 
 def draw_person(rng: np.random.Generator) -> Person:
