@@ -44,7 +44,7 @@ __all__ = [
 
 NEAREST: Final = 0.1
 """Least depth in metres; points nearer to the camera or behind it are treated as at this depth."""
-SIDE_SPREAD: Final = 0.22
+SIDE_SPREAD: Final = 0.23
 """Standard deviation of the log of a true piece's width, depth or height about that of its
 scenelet's: the log ratio of two pieces of the built-in library with one label, root mean square
 over labels and sides."""
@@ -328,9 +328,9 @@ class StaticPathSettings:
     implausible : float
         Median pixel error of confident joints (in an image of 1080 lines) above which a lifted pose
         is rejected even at its best fit; chosen.
-    bias_log_depth, bias_across : float
-        Standard deviations of slow errors, constant over a correlation time: log metres, and
-        metres.
+    bias_factor_along, bias_factor_across : float
+        Standard deviations of the slow errors of log depth and bearing, as factors on those that
+        the fit states of each frame.
     """
 
     pixel_scale: float = from_data("path.pixel_scale")
@@ -345,8 +345,8 @@ class StaticPathSettings:
     lifted_along: float = from_data("bones.lifted_along")
     filled_tolerance: float = 2.0
     implausible: float = 60.0
-    bias_log_depth: float = from_data("bias.log_depth")
-    bias_across: float = from_data("bias.across")
+    bias_factor_along: float = from_data("bias.along")
+    bias_factor_across: float = from_data("bias.across")
 
     def __post_init__(self) -> None:
         for name in (f.name for f in fields(self)):

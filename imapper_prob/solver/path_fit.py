@@ -34,6 +34,7 @@ __all__ = [
     "evidence",
     "fit_motion",
     "pixel_residuals",
+    "place_deviation",
     "solve_chain",
 ]
 
@@ -282,6 +283,68 @@ def _cost(
     return settings.frame_weight(observations.fps) * data + prior
 
 
+def _of_frames(
+    observations: Observations,
+    motion: Motion,
+    settings: StaticPathSettings,
+    *,
+    pixel_scale: float,
+    free_bones: bool,
+) -> tuple[Array, Array]:
+    """Information (T, n, n) and pull (T, n) of all terms but the walk from frame to frame."""
+    information, pull = evidence(
+        observations, motion, settings, pixel_scale=pixel_scale, free_bones=free_bones
+    )
+    weight = settings.frame_weight(observations.fps)
+    information, pull = weight * information, weight * pull
+    if free_bones:
+        more, push = _length_terms(observations.body, motion.bones, settings)
+        information[:, 3:, 3:] += more
+        pull[:, 3:] += push
+    # Keeps a clip with very few joints solvable; far below the weight of any detection.
+    diagonal = np.arange(pull.shape[1])
+    information[:, diagonal, diagonal] += 1e-6
+    return information, pull
+
+
+def place_deviation(
+    observations: Observations, motion: Motion, settings: StaticPathSettings
+) -> Array:
+    """Standard deviation of bearing and log depth, by the Laplace approximation at the fit.
+
+    The blocks of the inverse of the block-tridiagonal Hessian come from eliminating the frames
+    before and those after each frame.
+
+    Parameters
+    ----------
+    observations : Observations
+    motion : Motion
+        The fit.
+    settings : StaticPathSettings
+
+    Returns
+    -------
+    (T, 2) float
+        Tangent, and log metres.
+    """
+    information, _ = _of_frames(
+        observations, motion, settings, pixel_scale=settings.pixel_scale, free_bones=True
+    )
+    walk = _walk_precision(settings, observations.fps, free_bones=True)
+    diagonal = np.arange(len(walk))
+    information[:-1, diagonal, diagonal] += walk
+    information[1:, diagonal, diagonal] += walk
+    coupling = np.outer(walk, walk)
+    before, after = information.copy(), information.copy()
+    for t in range(1, len(information)):
+        before[t] -= coupling * np.linalg.inv(before[t - 1])
+    for t in range(len(information) - 2, -1, -1):
+        after[t] -= coupling * np.linalg.inv(after[t + 1])
+    covariance = np.linalg.inv(before + after - information)
+    result: Array = np.sqrt(covariance[:, [0, 2], [0, 2]])
+    return result
+
+
 def solve_chain(information: Array, pull: Array, walk: Array) -> Array:
     """Solve the block-tridiagonal normal equations whose off-diagonal blocks are -diag(walk).
 
@@ -344,25 +407,16 @@ def fit_motion(
     -------
     Motion
     """
-    weight = settings.frame_weight(observations.fps)
     walk = _walk_precision(settings, observations.fps, free_bones=free_bones)
     motion = start
     for factor in (*annealing, *(1.0,) * _STEPS):
         scale = settings.pixel_scale * factor
-        information, pull = evidence(
+        information, pull = _of_frames(
             observations, motion, settings, pixel_scale=scale, free_bones=free_bones
         )
-        information, pull = weight * information, weight * pull
-        if free_bones:
-            more, push = _length_terms(observations.body, motion.bones, settings)
-            information[:, 3:, 3:] += more
-            pull[:, 3:] += push
         steps_taken = np.diff(motion.vector(free_bones=free_bones), axis=0) * walk
         pull[:-1] += steps_taken
         pull[1:] -= steps_taken
-        # Keeps a clip with very few joints solvable; far below the weight of any detection.
-        diagonal = np.arange(pull.shape[1])
-        information[:, diagonal, diagonal] += 1e-6
         step = solve_chain(information, pull, walk)
 
         def cost(m: Motion, scale: float = scale) -> float:

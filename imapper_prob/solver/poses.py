@@ -415,6 +415,7 @@ def lifted_body(track: Track, trusted: NDArray[np.bool_]) -> LiftedBody:
         return LiftedBody(directions, known)
     poses = np.where(known[:, None, None], track.poses, 0.0)
     poses[:, sk.PELV] = (poses[:, sk.RHIP] + poses[:, sk.LHIP]) / 2
+    poses[:, sk.THRX] = (poses[:, sk.RSHO] + poses[:, sk.LSHO]) / 2
     bones = bones_of(poses)
     norms = np.linalg.norm(bones, axis=-1)
     usable = np.where(norms[..., None] > 0, bones / np.maximum(norms, 1e-9)[..., None], _UPRIGHT)

@@ -34,6 +34,7 @@ from imapper_prob.solver.path_fit import (
     Observations,
     fit_motion,
     pixel_residuals,
+    place_deviation,
 )
 from imapper_prob.solver.poses import (
     ANCESTORS,
@@ -167,8 +168,9 @@ def estimate_static_path(
     First the lifted bodies are placed rigidly; poses that contradict the confident detections are
     dropped and interpolated. Then bones and places are fitted together.
 
-    The remaining errors are slow (``bias_log_depth``, and ``bias_across`` divided by the depth). In
-    gaps without detections the path is extrapolated from its velocity, and ``deviation`` grows.
+    The remaining errors are slow, and in proportion to the uncertainty of the fit
+    (``bias_factor_along``, ``bias_factor_across``). In gaps without detections the path is
+    extrapolated from its velocity, and ``deviation`` grows.
 
     Parameters
     ----------
@@ -317,7 +319,7 @@ def _examined(
     path = StaticPath(
         estimate=motion.place[:, [0, 2]],
         lift=motion.place[:, 1],
-        deviation=np.hypot(_bias(motion.place[:, 2], settings), placed.unknown),
+        deviation=np.hypot(_slow_errors(observations, motion, settings), placed.unknown),
         poses=joints_of(motion.bones),
         posed=observations.body.known,
     )
@@ -436,8 +438,17 @@ def _contradicted(
     return result
 
 
-def _bias(log_depth: Array, settings: StaticPathSettings) -> Array:
-    """(T, 2) standard deviations of the slow errors of bearing and log depth."""
-    across = settings.bias_across / np.exp(log_depth)
-    result: Array = np.stack([across, np.full_like(across, settings.bias_log_depth)], -1)
+def _slow_errors(observations: Observations, motion: Motion, settings: StaticPathSettings) -> Array:
+    """(T, 2) standard deviations of the slow errors of bearing and log depth.
+
+    In gaps they are interpolated; what is unknown there comes on top.
+    """
+    deviation = place_deviation(observations, motion, settings)
+    seen = np.flatnonzero((observations.confidences > 0).any(1))
+    t = np.arange(len(deviation))
+    columns = [np.interp(t, seen, deviation[seen, k]) for k in range(2)]
+    result: Array = np.stack(columns, -1) * (
+        settings.bias_factor_across,
+        settings.bias_factor_along,
+    )
     return result

@@ -246,7 +246,7 @@ def slope(problem: Problem, cameras: Array, *, fps: float) -> Check:
     seconds = max(1.0, calibrated("frames.correlation_time") * fps)
     # A relative error of the depth lowers the feet by the same fraction of the camera's height
     # above them.
-    sunk = calibrated("bias.log_depth") * float(np.median(cameras[:, 1]))
+    sunk = float(_median(problem.path_scale[:, 1], counts) * np.median(cameras[:, 1]))
     error = math.hypot(
         *(
             math.hypot(_median_error(often), sunk / math.sqrt(max(often, 1.0)))

@@ -135,11 +135,8 @@ def _stay_change(evidence: Sequence[Placed]) -> Number:
 
     Without a stay of a second or more, the change within a stay is taken to be the whole variance.
     """
-    errors = _centred_depth(evidence)
-    seconds, fps = (
-        _error_time(evidence, [e.path.log_depth for e in evidence]),
-        evidence[0].clip.fps,
-    )
+    errors = _along(evidence)
+    seconds, fps = _error_time(evidence, errors), evidence[0].clip.fps
     rates = remembered(np.array([seconds]), np.array([_smoothing_time(evidence, errors)]), fps)[0]
     stays = [own[a:b] for e, own in zip(evidence, errors, strict=True) for a, b in e.path.stays]
     apart = round(fps / evidence[0].detections.gap)
@@ -264,8 +261,16 @@ def _lifted(axes: tuple[int, ...]) -> Callable[[Sequence[Seen]], Number]:
     )
 
 
-def _centred_depth(evidence: Sequence[Placed]) -> list[Array]:
-    return [e.path.log_depth - np.median(e.path.log_depth) for e in evidence]
+def _along(evidence: Sequence[Placed]) -> list[Array]:
+    """Errors of log depth, less their scene's median, over the deviation that the fit states."""
+    return [
+        (e.path.log_depth - np.median(e.path.log_depth)) / e.path.deviation[:, 1] for e in evidence
+    ]
+
+
+def _across(evidence: Sequence[Placed]) -> list[Array]:
+    """Errors to the right over the deviation that the fit states."""
+    return [e.path.across[:, 0] / e.path.deviation[:, 0] for e in evidence]
 
 
 def _ankles(evidence: Sequence[Placed]) -> tuple[float, float]:
@@ -379,38 +384,39 @@ FROM_TRUTH: Final = (
 
 FROM_PATH: Final = (
     Estimator(
-        "bias.log_depth", "log m", "slow error of the static path's depth",
-        "root mean square of its log depth over the true one, each scene's median taken off",
-        lambda evidence: root_mean_square(np.concatenate(_centred_depth(evidence))),
+        "bias.along", "1", "slow error of the static path's depth over what its fit states",
+        "root mean square of its log depth over the true one, each scene's median taken off, over "
+        "the standard deviation of the Laplace approximation",
+        lambda evidence: root_mean_square(np.concatenate(_along(evidence))),
     ),
     Estimator(
-        "bias.across", "m", "slow error of the static path across the view",
-        "root mean square of its bearing minus the true one, times depth",
-        lambda evidence: root_mean_square(
-            np.concatenate([e.path.across[:, 0] for e in evidence])
-        ),
+        "bias.across", "1",
+        "slow error of the static path across the view over what its fit states",
+        "root mean square of its bearing minus the true one over the standard deviation of the "
+        "Laplace approximation",
+        lambda evidence: root_mean_square(np.concatenate(_across(evidence))),
     ),
     Estimator(
         "bias.correlation_time_along", "s", "correlation time of the slow error of depth",
         "half the integrated autocorrelation of that error",
-        lambda evidence: _error_time(evidence, [e.path.log_depth for e in evidence]),
+        lambda evidence: _error_time(evidence, _along(evidence)),
     ),
     Estimator(
         "bias.correlation_time_across", "s", "correlation time of the slow error across the view",
         "half the integrated autocorrelation of that error",
-        lambda evidence: _error_time(evidence, [e.path.across[:, 0] for e in evidence]),
+        lambda evidence: _error_time(evidence, _across(evidence)),
     ),
     Estimator(
         "bias.smoothing_time_along", "s",
         "part of that time over which the error of depth is smooth",
         "most likely Gauss-Markov process of second order with that spread and time",
-        lambda evidence: _smoothing_time(evidence, _centred_depth(evidence)),
+        lambda evidence: _smoothing_time(evidence, _along(evidence)),
     ),
     Estimator(
         "bias.smoothing_time_across", "s",
         "part of that time over which the error across is smooth",
         "most likely Gauss-Markov process of second order with that spread and time",
-        lambda evidence: _smoothing_time(evidence, [e.path.across[:, 0] for e in evidence]),
+        lambda evidence: _smoothing_time(evidence, _across(evidence)),
     ),
     Estimator(
         "bias.stay_change", "s", "time in a stay after which the error of depth stands still",

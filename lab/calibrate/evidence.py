@@ -31,9 +31,10 @@ from imapper_prob.models.detector import DetectionModel, DetectorSettings
 from imapper_prob.models.path_prior import StaticPath
 from imapper_prob.models.problem import Problem, labels_of, pack_problem, resample, seat_chances
 from imapper_prob.models.scene import Clip, Placement, Truth
-from imapper_prob.models.scenelet import Library
+from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.models.settings import CameraSettings, ModelSettings, StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED, PELV, facing, turned
+from imapper_prob.scenelets.build import body_scale
 from imapper_prob.solver.camera_prior import estimate_camera
 from imapper_prob.solver.detections import own_detections
 from imapper_prob.solver.fits import Fits, fit_windows, free_pose_cost
@@ -128,7 +129,9 @@ def look(clip: Clip, truth: Truth) -> Seen:
 
 def place(seen: Seen, library: Library, values: Values) -> Placed:
     """The second step: a static path by the first step's constants, compared with the truth."""
-    static = estimate_static_path(seen.clip, settings=path_settings(values))
+    # With the deviations that the fit itself states.
+    bare = replace(path_settings(values), bias_factor_along=1.0, bias_factor_across=1.0)
+    static = estimate_static_path(seen.clip, settings=bare)
     camera = estimate_camera(seen.clip, static)
     return Placed(
         **_members(seen),
@@ -228,7 +231,12 @@ class Nearest:
 
 
 def _nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Library) -> Nearest:
-    """Find the scenelet nearest to the truth in regularly spaced windows."""
+    """Find the scenelet nearest to the truth in regularly spaced windows.
+
+    Poses are compared unscaled, because annotated shins and forearms are short. Furniture is placed
+    about a scenelet that is scaled to the true body, as in the model.
+    """
+    size = body_scale(truth.joints)
     joints = truth.joints - truth.joints[:, [PELV]]
     known: NDArray[np.bool_] = np.all(np.isfinite(joints), axis=(1, 2))
     static = truth.camera.to_world(path.joints)
@@ -274,11 +282,12 @@ def _nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libr
             for rank, (_, number, first, yaw) in enumerate(candidates[:_BEST]):
                 own = np.flatnonzero(known[first : first + len(travels[number])])
                 middle = truth.joints[first + own, PELV].mean(0)
-                laid = _laid_upon(middle, yaw, travels[number][own])
-                placed.append((library[number], laid))
+                scenelet = _sized(library[number], size)
+                laid = _laid_upon(middle, yaw, size * travels[number][own])
+                placed.append((scenelet, laid))
                 if not rank:
-                    best_placed.append((library[number], laid))
-                sights.append(sights_past(truth, library[number], laid, first + own))
+                    best_placed.append((scenelet, laid))
+                sights.append(sights_past(truth, scenelet, laid, first + own))
     clearance, hidden = np.concatenate(sights, axis=1)
     return Nearest(
         np.concatenate(across),
@@ -289,6 +298,14 @@ def _nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libr
         furniture_errors(truth, placed),
         observe_seats(truth, best_placed, _seat_shares(library)),
         tuple(beside),
+    )
+
+
+def _sized(scenelet: Scenelet, size: float) -> Scenelet:
+    return replace(
+        scenelet,
+        joints=scenelet.joints * size,
+        objects=tuple(piece.scaled(size) for piece in scenelet.objects),
     )
 
 

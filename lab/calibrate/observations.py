@@ -117,6 +117,8 @@ class PathErrors:
         Log of the estimated depth of the pelvis over the true one.
     across : (K, 2) float
         Errors of the pelvis across the viewing ray, metres.
+    deviation : (K, 2) float
+        Standard deviations that the fit states of the error to the right and of the log depth.
     ankle : (T,) float
         Height of the lower ankle above the floor for the true camera, metres.
     stays : (n, 2) int
@@ -125,6 +127,7 @@ class PathErrors:
 
     log_depth: Array
     across: Array
+    deviation: Array
     ankle: Array
     stays: NDArray[np.int64]
 
@@ -172,7 +175,7 @@ def observe_detections(clip: Clip, truth: Truth, *, track: int = 0) -> Detection
     frames, gap = _known(truth)
     joints = list(DETECTED)
     person = clip.tracks[track]
-    unit = clip.camera.height / _LINES
+    unit = clip.camera.short_side / _LINES
     true = truth.camera.project(truth.joints[frames])
     confidence = person.confidences[frames][:, joints]
     error = (person.keypoints[frames] - true)[:, joints] / unit
@@ -233,6 +236,7 @@ def observe_path(
     return PathErrors(
         log_depth[frames],
         (own - rays) * depth[:, None],
+        path.deviation[frames] * np.stack([depth, np.ones_like(depth)], -1),
         world[:, [RANK, LANK], 2].min(1),
         np.searchsorted(frames, stays),
     )

@@ -12,8 +12,26 @@ from hypothesis import strategies as st
 
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.settings import StaticPathSettings
-from imapper_prob.models.skeleton import DETECTED, MIRROR, PELV, SCORED
-from imapper_prob.solver.path_fit import Motion, Observations, evidence
+from imapper_prob.models.skeleton import (
+    DETECTED,
+    HEAD,
+    LSHO,
+    MIRROR,
+    PELV,
+    RSHO,
+    RWRI,
+    SCORED,
+    THRX,
+)
+from imapper_prob.solver.path_fit import (
+    Motion,
+    Observations,
+    _of_frames,
+    _walk_precision,
+    evidence,
+    place_deviation,
+    solve_chain,
+)
 from imapper_prob.solver.poses import bones_of, fill_directions, joints_of, lifted_body
 from imapper_prob.solver.static_path import estimate_static_path
 from tests.solver.walkers import LIFTER_SCALE, Walk, bones, walk, with_track
@@ -201,16 +219,35 @@ def test_every_frame_twice_at_twice_the_rate_is_the_same_clip() -> None:
 
 
 def test_deviation_covers_the_truth_under_slow_errors() -> None:
-    """Errors are those the settings state; 100 of them that are independent, known to 7 %."""
+    """Errors are those that the fit states; 100 of them that are independent, known to 7 %."""
+    still = walk(np.random.default_rng(0), n_frames=300)
+    across, along = estimate_static_path(still.clip).deviation.mean(0)
+    slow_error = (across * still.pelvis[:, 1].mean(), along)
     z = []
     for seed in range(4):
-        truth = walk(np.random.default_rng(seed), n_frames=300, slow_error=(0.045, 0.055))
+        truth = walk(np.random.default_rng(seed), n_frames=300, slow_error=slow_error)
         path = estimate_static_path(truth.clip)
         z.append((path.estimate - truth.place) / path.deviation)
     errors = np.concatenate(z)
     assert np.all(root_mean_square(errors) > 0.5)
     assert np.all(root_mean_square(errors) < 1 + 3 * 0.07)
     assert np.all((np.abs(errors) < 1.645).mean(0) > 0.9 - 3 * 0.03)
+
+
+def test_the_error_is_in_proportion_to_its_factors() -> None:
+    clip = walk(np.random.default_rng(3)).clip
+    once = estimate_static_path(clip).deviation
+    own = StaticPathSettings()
+    twice = replace(
+        own,
+        bias_factor_along=2 * own.bias_factor_along,
+        bias_factor_across=3 * own.bias_factor_across,
+    )
+    more = estimate_static_path(clip, settings=twice).deviation
+    # Most of the error is the slow one; bearing comes first.
+    ratio = np.median(more / once, axis=0)
+    assert 2.0 < ratio[0] <= 3.0 + 1e-9
+    assert 1.4 < ratio[1] <= 2.0 + 1e-9
 
 
 def test_nobody_detected_is_an_error_that_names_clip_and_track() -> None:
@@ -261,6 +298,62 @@ def test_evidence_is_the_gradient_of_its_likelihood() -> None:
     numeric = [(loss(at - step) - loss(at + step)) / 2e-6 for step in 1e-6 * np.eye(len(at))]
     np.testing.assert_allclose(pull[0], numeric, rtol=1e-4, atol=1e-3)
     np.testing.assert_allclose(information, information.transpose(0, 2, 1), rtol=1e-9, atol=1e-9)
+
+
+def test_the_thorax_is_midway_between_the_shoulders() -> None:
+    """Wherever a lifter puts it."""
+    truth = walk(np.random.default_rng(17), n_frames=3)
+    track, trusted = truth.clip.tracks[0], np.ones(3, bool)
+    poses = np.array(track.poses)
+    poses[:, THRX] += (0.0, 0.02, 0.08)
+    moved = lifted_body(replace(track, poses=poses), trusted)
+    np.testing.assert_allclose(moved.bones, lifted_body(track, trusted).bones, atol=1e-9)
+
+
+def test_the_deviation_is_that_of_the_inverse_hessian() -> None:
+    clip = walk(np.random.default_rng(18), n_frames=4).clip
+    track, constants = clip.tracks[0], StaticPathSettings()
+    confidences = np.array(track.confidences[:, list(DETECTED)])
+    confidences[2, 3:] = 0.0
+    observations = Observations(
+        clip.camera, track.keypoints[:, list(DETECTED)], confidences,
+        lifted_body(track, np.ones(4, bool)), clip.fps,
+    )  # fmt: skip
+    motion = Motion(np.tile([0.1, -0.15, 1.5], (4, 1)), observations.body.bones)
+    size = motion.vector(free_bones=True).size
+    # The pull of a unit step of each unknown is a column of the Hessian, by solving for it.
+    columns = [place_response(observations, motion, constants, k) for k in range(size)]
+    covariance = np.array(columns)
+    expected = np.sqrt(np.diag(covariance)).reshape(4, -1)[:, [0, 2]]
+    np.testing.assert_allclose(
+        place_deviation(observations, motion, constants), expected, rtol=1e-6
+    )
+
+
+def place_response(
+    observations: Observations, motion: Motion, constants: StaticPathSettings, k: int
+) -> np.ndarray:
+    """Column ``k`` of the inverse Hessian, from the banded solver of the fit."""
+    information, pull = _of_frames(
+        observations, motion, constants, pixel_scale=constants.pixel_scale, free_bones=True
+    )
+    unit = np.zeros(pull.size)
+    unit[k] = 1.0
+    walk_precision = _walk_precision(constants, observations.fps, free_bones=True)
+    return solve_chain(information, unit.reshape(pull.shape), walk_precision).ravel()
+
+
+@pytest.mark.parametrize("seen", [[HEAD], [RWRI], [HEAD, RSHO, LSHO, THRX]])
+def test_a_person_of_whom_little_is_seen_is_less_certain(seen: list[int]) -> None:
+    truth = walk(np.random.default_rng(19))
+    track = truth.clip.tracks[0]
+    confidences = np.array(track.confidences)
+    few = np.zeros(len(confidences), bool)
+    few[50:70] = True
+    confidences[np.ix_(few, [j for j in range(16) if j not in seen])] = 0.0
+    poses = np.where(few[:, None, None], np.nan, track.poses)
+    path = estimate_static_path(with_track(truth.clip, confidences=confidences, poses=poses))
+    assert (path.deviation[55:65] > 1.1 * path.deviation[~few].max(0)).all()
 
 
 def test_lifted_body_has_the_reference_legs() -> None:

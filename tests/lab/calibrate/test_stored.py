@@ -55,7 +55,7 @@ def test_the_settings_take_their_values_from_the_file() -> None:
     assert model.frame_weight == 1 / (10 * calibrated("scores.repeat_time"))
     assert (model.walk_bearing, path.walk_bearing) == (calibrated("walk.bearing"),) * 2
     assert model.pose_tolerance == constants()["pose.tolerance"].value
-    assert path.bias_log_depth == calibrated("bias.log_depth")
+    assert path.bias_factor_along == calibrated("bias.along")
     assert camera.ankle_spread == calibrated("ankle.spread")
     detections = DetectionModel()
     np.testing.assert_array_equal(
