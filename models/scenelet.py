@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from typing import Final
 
@@ -104,6 +104,21 @@ class Scenelet:
         """
         # A motion at another rate keeps its middle frame, the later of two.
         return self.fps / (self.n_frames // 2)
+
+    def scaled(self, factor: float) -> Scenelet:
+        """The scenelet of a body ``factor`` times as large, its furniture with it.
+
+        Parameters
+        ----------
+        factor : float
+
+        Returns
+        -------
+        Scenelet
+            Scaled about the origin, a point on the floor.
+        """
+        objects = tuple(piece.scaled(factor) for piece in self.objects)
+        return replace(self, joints=self.joints * factor, objects=objects)
 
     @property
     def labels(self) -> tuple[str, ...]:

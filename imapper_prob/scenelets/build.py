@@ -400,11 +400,7 @@ def _scenelets(motion: _Motion, weights: Array, scale: float) -> list[Scenelet]:
             motion.capture.objects,
             fps=_FPS,
         )
-        # Scale about the local origin, which is on the floor below the pelvis.
-        objects = tuple(piece.scaled(1.0 / scale) for piece in own.objects)
-        result.append(
-            replace(own, joints=own.joints / scale, objects=objects, weight=float(weight))
-        )
+        result.append(replace(own.scaled(1.0 / scale), weight=float(weight)))
     return result
 
 

@@ -171,7 +171,7 @@ def draw_stay(
     """
     x, y = _anywhere(rng, camera)
     placement = Placement(float(x), float(y), float(rng.uniform(-np.pi, np.pi)))
-    own = [piece.scaled(scale).moved(placement) for piece in scenelet.objects]
+    own = [piece.moved(placement) for piece in scenelet.scaled(scale).objects]
     if any(_distance(_outline(piece), furniture) < GAP for piece in own):
         return None
     if min(piece.footprint[:, 1].min() for piece in own) < NEAREST / 2:
@@ -456,7 +456,7 @@ class Stay:
         list of SceneObject
             World coordinates.
         """
-        return [o.scaled(scale).moved(self.placement) for o in self.scenelet.objects]
+        return [o.moved(self.placement) for o in self.scenelet.scaled(scale).objects]
 
 
 @dataclass(frozen=True)

@@ -323,11 +323,11 @@ def information(
     gained = gained - np.mean(
         [_gained(moved.ravel(), densities) for moved in shifted(layouts, rng)], axis=0
     )
+    if np.ptp(layouts) > 0 and not np.ptp(layouts, axis=1).any():
+        return float(gained.mean()), float("nan")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ShortChainWarning)
         error = float(mean_error(gained.reshape(layouts.shape))) if np.ptp(gained) > 0 else 0.0
-    if np.ptp(layouts) > 0 and not np.ptp(layouts, axis=1).any():
-        error = float("nan")
     return float(gained.mean()), error
 
 

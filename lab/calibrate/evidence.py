@@ -31,7 +31,7 @@ from imapper_prob.models.detector import DetectionModel, DetectorSettings
 from imapper_prob.models.path_prior import StaticPath
 from imapper_prob.models.problem import Problem, labels_of, pack_problem, resample, seat_chances
 from imapper_prob.models.scene import Clip, Placement, Truth
-from imapper_prob.models.scenelet import Library, Scenelet
+from imapper_prob.models.scenelet import Library
 from imapper_prob.models.settings import CameraSettings, ModelSettings, StaticPathSettings
 from imapper_prob.models.skeleton import DETECTED, PELV, facing, turned
 from imapper_prob.scenelets.build import body_scale
@@ -282,7 +282,7 @@ def _nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libr
             for rank, (_, number, first, yaw) in enumerate(candidates[:_BEST]):
                 own = np.flatnonzero(known[first : first + len(travels[number])])
                 middle = truth.joints[first + own, PELV].mean(0)
-                scenelet = _sized(library[number], size)
+                scenelet = library[number].scaled(size)
                 laid = _laid_upon(middle, yaw, size * travels[number][own])
                 placed.append((scenelet, laid))
                 if not rank:
@@ -298,14 +298,6 @@ def _nearest_scenelets(clip: Clip, truth: Truth, path: StaticPath, library: Libr
         furniture_errors(truth, placed),
         observe_seats(truth, best_placed, _seat_shares(library)),
         tuple(beside),
-    )
-
-
-def _sized(scenelet: Scenelet, size: float) -> Scenelet:
-    return replace(
-        scenelet,
-        joints=scenelet.joints * size,
-        objects=tuple(piece.scaled(size) for piece in scenelet.objects),
     )
 
 
