@@ -282,30 +282,26 @@ class Lifted:
     spread: Array
 
 
-def lift_clip(clip: Clip, *, poses: Array | None = None) -> Clip:
-    """Lift the tracks of a clip that have no poses.
+def lift_clip(clip: Clip) -> Clip:
+    """Lift the tracks of a clip that have no poses, to poses of the built-in library.
 
     Parameters
     ----------
     clip : Clip
-    poses : (K, 16, 3) float, optional
-        See :func:`imapper_prob.lifting.distinct_poses`; those of the built-in library if not
-        given.
 
     Returns
     -------
     Clip
         Tracks with a pose in any frame are unchanged.
     """
-    poses = _built_in_poses() if poses is None else poses
-    return replace(clip, tracks=tuple(_lifted(clip, track, poses) for track in clip.tracks))
+    return replace(clip, tracks=tuple(_lifted(clip, track) for track in clip.tracks))
 
 
-def _lifted(clip: Clip, track: Track, poses: Array) -> Track:
+def _lifted(clip: Clip, track: Track) -> Track:
     if track.has_pose.any():
         return track
     lifted = lift_keypoints(
-        clip.camera, track.keypoints, track.confidences, fps=clip.fps, poses=poses
+        clip.camera, track.keypoints, track.confidences, fps=clip.fps, poses=_built_in_poses()
     )
     known = np.isfinite(lifted.spread)
     if known.any():

@@ -25,7 +25,6 @@ from imapper_prob.models.detector import DetectionModel
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import sight_clearance
 from imapper_prob.models.kernels.detection import draw_flips
-from imapper_prob.models.kernels.path import steps_of_depth
 from imapper_prob.models.kernels.placement import expected_facing, in_support, place_boxes
 from imapper_prob.models.kernels.visibility import visibility_probability
 from imapper_prob.models.log_posterior import State, motion, terms
@@ -114,7 +113,7 @@ def _unhindered(rng: np.random.Generator, problem: Problem) -> State:
         rows = [0, 0]
         if at >= since[start]:
             stay = problem.path_stay
-            rows = [start - at, steps_of_depth(stay, problem.stay_steps, at + 1, start)]
+            rows = [start - at, _steps_of_depth(stay, problem.stay_steps, at + 1, start)]
         mean, deviation = problem.path_mean[[0, 1], rows], problem.path_draw[[0, 1], rows, 0, 2]
         error = mean[:, 0] * error + mean[:, 1] * before
         error = error + deviation * rng.standard_normal(2)
@@ -130,6 +129,18 @@ def _unhindered(rng: np.random.Generator, problem: Problem) -> State:
             for k in (1, 0)
         )
     return State(camera, items, placements, sizes, rng.standard_normal((problem.n_frames, 2)))
+
+
+def _steps_of_depth(stay: Ints, most: int, first: int, last: int) -> int:
+    """Steps of the error along the view from the frame before ``first`` to ``last``.
+
+    In one stay (``stay`` is -1 in frames of none) there are ``most`` at the most.
+    """
+    steps, own = 1, 1
+    for t in range(first + 1, last + 1):
+        own = own + 1 if stay[t] >= 0 and stay[t] == stay[t - 1] else 1
+        steps += own <= most
+    return steps
 
 
 def _draw_yaw(rng: np.random.Generator, problem: Problem, scenelet: int, start: int) -> float:

@@ -170,7 +170,7 @@ class Problem(NamedTuple):
         For each statement: its kind, its row of ``given_labels``, its first row of ``given_rows``
         and the one after its last, a joint, the first frame and the one after the last.
     given : (G, 16) float
-        Numbers of each statement, see :mod:`imapper_prob.models.kernels.given`.
+        Numbers of each statement, see :mod:`imapper_prob.models.kernels.statement_terms`.
     given_labels : (Q, C) float
         Which true categories a statement refers to, or the probability of a detected label given
         each.
@@ -329,7 +329,6 @@ def pack_problem(
     settings: ModelSettings | None = None,
     detections: DetectionModel | None = None,
     weights: Array | None = None,
-    starts: NDArray[np.bool_] | None = None,
 ) -> Problem:
     """Pack one actor of a clip with their static path, camera prior and a library.
 
@@ -346,10 +345,6 @@ def pack_problem(
     weights : (L,) float, optional
         Positive weights that share the prior rate among the scenelets, normalised here. Equal if
         not given.
-    starts : (T,) bool, optional
-        Frames without a predecessor, if a clip joins the frames of several people. Errors of the
-        path and flips of sides restart there, and no scenelet extends across them. The first frame
-        is always one.
 
     Returns
     -------
@@ -369,7 +364,7 @@ def pack_problem(
     seen = np.any(placed, axis=1)
     problem = Problem(
         **_seen(clip, clip.tracks[0], path, detections or DetectionModel()),
-        **_walked(clip, path, camera, settings, starts, seen),
+        **_walked(clip, path, camera, settings, seen),
         **_library_arrays(clip, library, settings, weights),
         **_constants(settings, clip.fps),
         stays=np.zeros((0, 3)),
@@ -487,7 +482,6 @@ def _walked(
     path: StaticPath,
     camera: CameraPrior,
     settings: ModelSettings,
-    starts: NDArray[np.bool_] | None,
     seen: NDArray[np.bool_],
 ) -> dict[str, Any]:
     """Fields of a problem that describe the person's path without scenelets.
@@ -496,12 +490,10 @@ def _walked(
     """
     centre, deviation, rates = _path_prior(path, settings, clip.fps, seen)
     mean, draw = path_tables(rates, clip.n_frames)
-    begins = np.zeros(clip.n_frames, bool) if starts is None else np.array(starts, bool)
-    begins[0] = True
     return {
         "path_centre": centre,
         "path_scale": deviation,
-        "path_starts": begins,
+        "path_starts": np.arange(clip.n_frames) == 0,
         "path_stay": np.full(clip.n_frames, -1),
         "stay_steps": max(1, round(settings.stay_change * clip.fps)),
         "path_mean": mean,

@@ -1,7 +1,7 @@
 """Check statements against clip and library, and pack them into a problem as flat rows.
 
 :mod:`imapper_prob.models.statements` and :mod:`imapper_prob.models.furniture_statements` define the
-statements; :mod:`imapper_prob.models.kernels.given` evaluates their terms.
+statements; :mod:`imapper_prob.models.kernels.statement_terms` evaluates their terms.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from imapper_prob.models.furniture_statements import (
     SameObject,
     Seen,
 )
-from imapper_prob.models.kernels.given import (
+from imapper_prob.models.kernels.statement_terms import (
     BEHIND,
     CONTACT,
     DEPTH,

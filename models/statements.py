@@ -1,10 +1,10 @@
 """Statements about a scene: knowledge besides the detections, as terms of the posterior.
 
 A statement is an answer or a measurement. Its term is the density of that answer given the scene
-(docs/explanation/model.md 25 to 34); :mod:`imapper_prob.models.kernels.given` evaluates it. Lengths
-are in metres in the world frame of a scene: floor at z = 0, camera above the origin, looking along
-y. Frame numbers are those of the clip. ``doubt`` is the probability that an answer was given by
-chance.
+(docs/explanation/model.md 25 to 34); :mod:`imapper_prob.models.kernels.statement_terms` evaluates
+it. Lengths are in metres in the world frame of a scene: floor at z = 0, camera above the origin,
+looking along y. Frame numbers are those of the clip. ``doubt`` is the probability that an answer
+was given by chance.
 
 Here are the statements about the room, the camera and the person; those about furniture are in
 :mod:`imapper_prob.models.furniture_statements`.

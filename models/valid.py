@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imapper_prob.models.errors import InputError
-from imapper_prob.models.kernels.given import (
+from imapper_prob.models.kernels.statement_terms import (
     BEHIND,
     CONTACT,
     DEPTH,

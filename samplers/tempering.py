@@ -51,7 +51,6 @@ from imapper_prob.samplers.reversible_jump import ChainState, StepInfo, init
 __all__ = [
     "POSTERIOR",
     "PRIOR",
-    "KernelChain",
     "LogDensityParts",
     "Rung",
     "TemperedDensity",
@@ -213,23 +212,6 @@ class TemperedDensity(Generic[S]):
     def __call__(self, state: S) -> float:
         """Log density of ``state`` up to a constant."""
         return self.target(state).at(self.rung)
-
-
-class Kernel(Protocol[S]):
-    """A transition kernel at one temperature.
-
-    For example ``functools.partial(imapper_prob.samplers.reversible_jump.step, mixture=mixture)``.
-    """
-
-    def __call__(
-        self,
-        rng: np.random.Generator,
-        chain_state: ChainState[S],
-        /,
-        *,
-        log_density_fn: Callable[[S], float],
-    ) -> tuple[ChainState[S], StepInfo]:
-        """Make one step that leaves the density invariant."""
 
 
 class Crossover(Protocol[S]):
@@ -411,8 +393,7 @@ def temper(
     state : TemperingState
         From `start`, or the last state of an earlier chain; it is not yielded.
     chain_at : callable
-        ``chain_at(state) -> RungChain`` makes the chain of a rung at ``state``, such as
-        ``functools.partial(KernelChain, target, kernel)``.
+        ``chain_at(state) -> RungChain`` makes the chain of a rung at ``state``.
     steps_per_swap : int
         Proposals on each rung between two rounds of swaps.
     adapt : bool
@@ -449,63 +430,6 @@ def temper(
     return _rounds(
         rngs, state, rung_chains, steps_per_swap, adapt, adapt_tilts, crossover, independent
     )
-
-
-class KernelChain(Generic[S]):
-    """A chain made of a kernel and a target, without a cache.
-
-    Tests temper reference kernels with it; the program's chains are compiled.
-
-    Parameters
-    ----------
-    target : callable
-        ``target(state) -> LogDensityParts``.
-    kernel : Kernel
-    state : S
-        State of the chain.
-    """
-
-    def __init__(self, target: Target[S], kernel: Kernel[S], state: S) -> None:
-        self._target, self._kernel, self._state = target, kernel, state
-
-    def __call__(self, state: S, rung: Rung = PRIOR, least: float = -math.inf) -> LogDensityParts:
-        """Evaluate the log density of ``state``, whatever is needed."""
-        return self._target(state)
-
-    def move(self, state: S) -> None:
-        """Set the state of the chain.
-
-        Parameters
-        ----------
-        state : S
-        """
-        self._state = state
-
-    def advance(
-        self, rng: np.random.Generator, rung: Rung, steps: int
-    ) -> tuple[ChainState[S], tuple[StepInfo, ...]]:
-        """Make steps with the kernel.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-        rung : Rung
-        steps : int
-
-        Returns
-        -------
-        ChainState
-            The chain afterwards.
-        tuple of StepInfo
-            Record of each step.
-        """
-        density, infos = TemperedDensity(self._target, rung), []
-        at = ChainState(self._state, density(self._state))
-        for _ in range(steps):
-            at, info = self._kernel(rng, at, log_density_fn=density)
-            infos.append(info)
-        self._state = at.state
-        return at, tuple(infos)
 
 
 def _rounds(

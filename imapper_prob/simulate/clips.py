@@ -20,8 +20,6 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.detector import DetectionModel
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.kernels.detection import draw_flips
-from imapper_prob.models.kernels.placement import in_support
-from imapper_prob.models.path_prior import CameraPrior
 from imapper_prob.models.problem import resample
 from imapper_prob.models.scene import Clip, SceneObject, Track, Truth
 from imapper_prob.models.scenelet import Library, Scenelet
@@ -44,7 +42,6 @@ __all__ = [
     "ACTION_WORDS",
     "NOMINAL_CAMERA",
     "draw_camera",
-    "draw_camera_and_body",
     "simulate_clip",
     "simulate_track",
 ]
@@ -217,33 +214,6 @@ def draw_camera(rng: np.random.Generator, *, nominal: Camera = NOMINAL_CAMERA) -
     )
 
 
-def draw_camera_and_body(
-    rng: np.random.Generator, prior: CameraPrior, *, nominal: Camera = NOMINAL_CAMERA
-) -> tuple[Camera, float]:
-    """Draw a camera and a body scale from the prior of a clip's phi.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    prior : CameraPrior
-    nominal : Camera
-
-    Returns
-    -------
-    camera : Camera
-    scale : float
-        Factor on the reference stature.
-    """
-    while True:
-        phi = rng.multivariate_normal(prior.mean, prior.covariance)
-        if in_support(phi):
-            pitch, elevation, log_focal, log_body, roll = phi.tolist()
-            camera = nominal.posed(
-                pitch=pitch, roll=roll, elevation=elevation, focal_scale=float(np.exp(log_focal))
-            )
-            return camera, float(np.exp(log_body))
-
-
 @dataclass(frozen=True)
 class _Acted:
     """A furnished room and the person's motion in it, by frame."""
@@ -262,7 +232,6 @@ def simulate_clip(
     n_bystanders: int = 1,
     script: Sequence[str] = (),
     camera: Camera | None = None,
-    prior: CameraPrior | None = None,
     walks: Library | None = None,
     name: str = "simulated",
 ) -> Clip:
@@ -284,10 +253,8 @@ def simulate_clip(
     script : sequence of str
         Names of the scenelets to perform, in order, instead of ``n_interactions`` random ones.
     camera : Camera, optional
-        The true camera.
-    prior : CameraPrior, optional
-        Prior of camera and body if ``camera`` is not given. Without either, pitch, roll, focal
-        length and body follow the model, and the height is a tripod's.
+        The true camera. Without it, pitch, roll and focal length follow the model, and the height
+        is a tripod's.
     walks : Library, optional
         Source of the gait, if ``library`` has no walk.
     name : str
@@ -311,11 +278,7 @@ def simulate_clip(
     gait = Gait.of(library if walks is None else _at_rate(walks, fps))
     bystanders = low_pieces(library)
     for _ in range(_ROOMS):
-        scale = None
-        if camera is not None or prior is None:
-            seen_by = camera or draw_camera(rng)
-        else:
-            seen_by, scale = draw_camera_and_body(rng, prior)
+        seen_by = camera or draw_camera(rng)
         scenelets = _scripted(library, script) if script else _chosen(rng, library, n_interactions)
         acted = _act(
             rng,
@@ -323,7 +286,7 @@ def simulate_clip(
             gait=gait,
             bystanders=bystanders,
             camera=seen_by,
-            scale=scale or float(np.exp(rng.normal(0.0, SCALE_SPREAD))),
+            scale=float(np.exp(rng.normal(0.0, SCALE_SPREAD))),
             n_frames=n_frames,
             n_bystanders=n_bystanders,
         )

@@ -18,15 +18,7 @@ from numpy.typing import NDArray
 
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.furniture_statements import ObjectAt, Seen
-from imapper_prob.models.kernels.given import (
-    CLUTTER,
-    PICTURE_OF_BOXES,
-    PICTURE_OF_OBJECT,
-    SAID,
-    WRONG,
-    probability_right,
-    set_shares,
-)
+from imapper_prob.models.kernels.given import set_shares
 from imapper_prob.models.kernels.measured import (
     ERRORS,
     detection_rate,
@@ -35,6 +27,14 @@ from imapper_prob.models.kernels.measured import (
     project_outline,
     resize,
     set_errors,
+)
+from imapper_prob.models.kernels.statement_terms import (
+    CLUTTER,
+    PICTURE_OF_BOXES,
+    PICTURE_OF_OBJECT,
+    SAID,
+    WRONG,
+    probability_right,
 )
 from imapper_prob.models.log_posterior import State, label_probabilities, motion
 from imapper_prob.models.problem import Problem, label_kinds

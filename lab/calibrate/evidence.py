@@ -420,7 +420,6 @@ def repeats(
     *,
     detections: DetectionModel,
     tolerance: Number,
-    track: int = 0,
 ) -> Array:
     """Ratio of squared scores to those of independent detections, from one scenelet to others.
 
@@ -441,8 +440,8 @@ def repeats(
         for independent detections.
     """
     joints = list(DETECTED)
-    confidence = clip.tracks[track].confidences[beside.frames][:, joints]
-    error = clip.tracks[track].keypoints[beside.frames][:, joints] - beside.pixels
+    confidence = clip.tracks[0].confidences[beside.frames][:, joints]
+    error = clip.tracks[0].keypoints[beside.frames][:, joints] - beside.pixels
     seen = np.where(np.asarray(truth.hidden)[beside.frames][:, joints], 0, 1)[..., None]
     scale, dof = (
         np.take_along_axis(table, seen, -1)[..., 0]

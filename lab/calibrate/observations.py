@@ -170,11 +170,11 @@ def _known(truth: Truth) -> tuple[NDArray[np.intp], int]:
     return frames, int(np.diff(frames).min())
 
 
-def observe_detections(clip: Clip, truth: Truth, *, track: int = 0) -> Detections:
+def observe_detections(clip: Clip, truth: Truth) -> Detections:
     """Compare the detections of one person with the truth."""
     frames, gap = _known(truth)
     joints = list(DETECTED)
-    person = clip.tracks[track]
+    person = clip.tracks[0]
     unit = clip.camera.short_side / _LINES
     true = truth.camera.project(truth.joints[frames])
     confidence = person.confidences[frames][:, joints]
@@ -220,9 +220,7 @@ def observe_motion(truth: Truth) -> Motion:
     )
 
 
-def observe_path(
-    clip: Clip, truth: Truth, path: StaticPath, camera: CameraPrior, *, track: int = 0
-) -> PathErrors:
+def observe_path(clip: Clip, truth: Truth, path: StaticPath, camera: CameraPrior) -> PathErrors:
     """Compare a static path with the truth."""
     frames, _ = _known(truth)
     true = truth.camera.to_camera(truth.joints)
@@ -232,7 +230,7 @@ def observe_path(
     rays = np.stack([x / depth, z / depth], -1)
     own = np.stack([path.estimate[frames, 0], path.lift[frames]], -1)
     world = truth.camera.to_world(found)
-    stays = find_stays(clip.tracks[track], path, camera, fps=clip.fps)[:, :2]
+    stays = find_stays(clip.tracks[0], path, camera, fps=clip.fps)[:, :2]
     return PathErrors(
         log_depth[frames],
         (own - rays) * depth[:, None],
@@ -242,21 +240,19 @@ def observe_path(
     )
 
 
-def observe_lifted(clip: Clip, truth: Truth, *, track: int = 0) -> Lifted:
+def observe_lifted(clip: Clip, truth: Truth) -> Lifted:
     """Compare the lifter's bones, at the reference stature, with the truth."""
     frames, _ = _known(truth)
-    person = clip.tracks[track]
+    person = clip.tracks[0]
     body = lifted_body(person, person.has_pose & ~person.interpolated)
     bones = bones_of(truth.camera.to_camera(truth.joints))
     own = frames[body.known[frames]]
     return Lifted((body.bones - bones)[own] / body.lengths[:, None])
 
 
-def observe_thighs(
-    clip: Clip, truth: Truth, path: StaticPath, camera: CameraPrior, *, track: int = 0
-) -> Thighs:
+def observe_thighs(clip: Clip, truth: Truth, path: StaticPath, camera: CameraPrior) -> Thighs:
     """Compare the thighs of a static path with the annotated actions."""
-    angle, seen = thigh_signs(clip.tracks[track], path, camera, fps=clip.fps)
+    angle, seen = thigh_signs(clip.tracks[0], path, camera, fps=clip.fps)
     actions = np.array(truth.actions[: len(angle)])
     angle, seen = angle[: len(actions)], seen[: len(actions)]
     return Thighs(angle, seen, actions == "sitting")

@@ -32,7 +32,7 @@ from imapper_prob.models.kernels.cache import ADDED, Cache
 from imapper_prob.models.problem import Problem
 from imapper_prob.models.skeleton import N_JOINTS, PELV
 
-__all__ = ["DOF", "draw_segment", "pose_jump", "steps_of_depth", "update_path"]
+__all__ = ["DOF", "draw_segment", "pose_jump", "update_path"]
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -42,31 +42,6 @@ _STILL = 1e-9
 """A free frame counts as unmoved if its bearing and log depth changed by less than this since they
 were last computed: a few nanometres, a hundredth of the precision of lines of sight. The
 log-posterior changes by less than 1e-6 nats."""
-
-
-@inlined
-def steps_of_depth(stay: Ints, most: int, first: int, last: int) -> int:
-    """Steps of the error along the view from the frame before ``first`` to ``last``.
-
-    Parameters
-    ----------
-    stay : (T,) int
-        The stay of each frame, -1 for none.
-    most : int
-        Largest number of steps in one stay.
-    first, last : int
-        Frames, ``last`` not before ``first``.
-
-    Returns
-    -------
-    int
-    """
-    steps, own = 1, 1
-    for t in range(first + 1, last + 1):
-        own = own + 1 if stay[t] >= 0 and stay[t] == stay[t - 1] else 1
-        if own <= most:
-            steps += 1
-    return steps
 
 
 @inlined

@@ -98,7 +98,7 @@ def test_half_a_body_is_more_ambiguous_than_a_whole_one(poses: Array) -> None:
     assert half.spread.mean() > whole.spread.mean()
 
 
-def test_a_track_with_poses_is_left_alone(poses: Array) -> None:
+def test_a_track_with_poses_is_left_alone() -> None:
     joints = performed(names("walk")[0], 0.0, (0, 4))
     keypoints = CAMERA.project(joints)
     own = np.full((len(joints), N_JOINTS, 3), np.nan)
@@ -108,7 +108,7 @@ def test_a_track_with_poses_is_left_alone(poses: Array) -> None:
     own = CAMERA.to_camera(joints)
     posed = replace(flat, name="posed", poses=own - own[:, PELV, None])
     clip = Clip("both", CAMERA, 10, np.arange(len(own)), (flat, posed))
-    lifted = lift_clip(clip, poses=poses)
+    lifted = lift_clip(clip)
     assert lifted.tracks[1] is posed
     assert lifted.tracks[0].has_pose.all()
 

@@ -145,10 +145,12 @@ def problem(
     """A whole problem: somebody walks across the view, with the test library."""
     joints = walk(n_frames, span=span)
     clip = clip_of(joints, np.random.default_rng(seed))
-    return pack_problem(
-        clip, path_of(joints), camera_prior(), scenelets or library(), settings=settings,
-        starts=starts,
-    )  # fmt: skip
+    packed = pack_problem(
+        clip, path_of(joints), camera_prior(), scenelets or library(), settings=settings
+    )
+    if starts is None:
+        return packed
+    return packed._replace(path_starts=starts | packed.path_starts)
 
 
 def experiment(

@@ -28,8 +28,9 @@ from imapper_prob.samplers.checkpoint import (
 )
 from imapper_prob.samplers.ladder import SwapTable, power_ladder
 from imapper_prob.samplers.reversible_jump import ChainState, step
-from imapper_prob.samplers.tempering import KernelChain, TemperingState, start, temper
+from imapper_prob.samplers.tempering import TemperingState, start, temper
 from tests.samplers import polynomials
+from tests.samplers.kernel_chain import KernelChain
 
 BETAS = power_ladder(4)
 ROUNDS, BURN_IN = 120, 40

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, StepInfo, step
-from imapper_prob.samplers.tempering import POSTERIOR, KernelChain, LogDensityParts, start, temper
+from imapper_prob.samplers.tempering import POSTERIOR, LogDensityParts, start, temper
 from tests.samplers.frequencies import chi_square
+from tests.samplers.kernel_chain import KernelChain
 
 PASS, FAIL = 1e-3, 1e-6
 FIELDS = np.array([1.5, -0.8, 2.2])

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from imapper_prob.samplers.reversible_jump import sample, step
-from imapper_prob.samplers.tempering import POSTERIOR, KernelChain, start, temper
+from imapper_prob.samplers.tempering import POSTERIOR, start, temper
 from tests.samplers import needles
 from tests.samplers.frequencies import chi_square
+from tests.samplers.kernel_chain import KernelChain
 from tests.samplers.rounds import RoundTripError, check_rounds
 
 # A right sampler falls below by chance once in a thousand seeds; wrong ones are far below.

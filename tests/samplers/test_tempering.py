@@ -15,7 +15,6 @@ from imapper_prob.samplers.reversible_jump import Mixture, Proposal, StepInfo, s
 from imapper_prob.samplers.tempering import (
     POSTERIOR,
     PRIOR,
-    KernelChain,
     LogDensityParts,
     Rung,
     TemperedDensity,
@@ -26,6 +25,7 @@ from imapper_prob.samplers.tempering import (
 )
 from tests.samplers import islands, polynomials
 from tests.samplers.frequencies import chi_square
+from tests.samplers.kernel_chain import KernelChain
 from tests.samplers.rounds import check_rounds
 
 # A right sampler falls below by chance once in a thousand seeds; wrong ones are far below.

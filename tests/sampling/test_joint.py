@@ -22,7 +22,7 @@ from imapper_prob.models.problem import Problem
 from imapper_prob.models.settings import ModelSettings
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.samplers.reversible_jump import Mixture, Proposal, init, step
-from imapper_prob.samplers.tempering import KernelChain, LogDensityParts, start, temper
+from imapper_prob.samplers.tempering import LogDensityParts, start, temper
 from imapper_prob.sampling.crossover import TimeCrossover
 from imapper_prob.sampling.learning import learn
 from imapper_prob.sampling.redraws import draw_scene
@@ -32,6 +32,7 @@ from imapper_prob.sampling.steps import Moves, parts_of, scene_moves
 from imapper_prob.sampling.visits import Visits
 from lab.prior import Experiment, draw_state
 from tests.models import worlds
+from tests.samplers.kernel_chain import KernelChain
 from tests.sampling.scenes import SceneMove, mixture_of, random_gains
 
 N_FRAMES = 20

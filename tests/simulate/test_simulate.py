@@ -15,7 +15,6 @@ from shapely import Polygon
 from imapper_prob.models.detector import DetectionModel
 from imapper_prob.models.errors import InputError
 from imapper_prob.models.geometry import pack_boxes, sight_clearance
-from imapper_prob.models.path_prior import CameraPrior
 from imapper_prob.models.problem import resample
 from imapper_prob.models.scene import Clip
 from imapper_prob.models.scenelet import Library
@@ -26,7 +25,6 @@ from imapper_prob.simulate.clips import (
     LIFT_SCALE,
     NOMINAL_CAMERA,
     draw_camera,
-    draw_camera_and_body,
     simulate_clip,
     simulate_track,
 )
@@ -281,40 +279,6 @@ def test_a_given_camera_is_the_true_one(rng: np.random.Generator) -> None:
     assert made.truth is not None
     assert made.truth.camera == camera
     assert made.camera == NOMINAL_CAMERA
-
-
-def test_camera_and_body_are_drawn_from_a_prior(rng: np.random.Generator) -> None:
-    mean = np.array([-0.1, 1.8, 0.02, -0.03, 0.01])
-    root = np.diag([0.05, 0.3, 0.05, 0.06, 0.02])
-    root[1, 0] = 0.1  # a height that goes with the pitch
-    prior = CameraPrior(mean, root @ root.T)
-    drawn = []
-    for _ in range(4000):
-        camera, body = draw_camera_and_body(rng, prior)
-        focal = np.log(camera.fx / NOMINAL_CAMERA.fx)
-        drawn.append([camera.pitch, camera.elevation, focal, np.log(body), camera.roll])
-    scaled = np.linalg.solve(root, (np.array(drawn) - mean).T)
-    np.testing.assert_allclose(scaled.mean(1), 0.0, atol=5 / np.sqrt(4000))
-    np.testing.assert_allclose(np.cov(scaled), np.eye(5), atol=5 * np.sqrt(2 / 4000))
-
-
-def test_a_clip_has_the_camera_and_the_body_of_its_prior() -> None:
-    """By a prior without doubt: a small person seen by a high camera that is tilted."""
-    mean = np.array([-0.2, 2.4, 0.1, -0.25, 0.05])
-    prior = CameraPrior(mean, 1e-12 * np.eye(5))
-    made = simulate_clip(
-        np.random.default_rng(1), built_in_library(), prior=prior, n_interactions=1, n_frames=90
-    )
-    assert made.truth is not None
-    camera = made.truth.camera
-    assert [camera.pitch, camera.elevation, camera.roll] == pytest.approx(
-        [-0.2, 2.4, 0.05], abs=1e-5
-    )
-    assert camera.fx == pytest.approx(NOMINAL_CAMERA.fx * np.exp(0.1), rel=1e-5)
-    joints = made.truth.joints
-    bones = [np.linalg.norm(joints[:, a] - joints[:, b], axis=-1).mean() for a, b in BONE_LENGTHS]
-    average = np.log(np.array(bones) / list(BONE_LENGTHS.values())).mean()
-    assert average == pytest.approx(-0.25, abs=0.05)
 
 
 @settings(max_examples=5, deadline=None)

@@ -62,6 +62,10 @@ UP: Final = 0.5
 """Upward component, relative to 1 forward, of the direction of a knee whose foot is on the
 floor."""
 
+_AHEAD: Final = -0.03, 0.07
+"""Least and largest distance of the ankle of a foot on the floor in front of the knee of a
+horizontal thigh, metres; chosen."""
+
 
 def _with_legs(pose: SeatedPose, ankles: ArrayLike, knees: ArrayLike) -> SeatedPose:
     """The same person with other ankles and directions of knees, both (2, 3) offsets."""
@@ -75,7 +79,6 @@ def _foot_down(
     *,
     side: float,
     outward: float,
-    ahead: tuple[float, float] = (-0.03, 0.07),
 ) -> tuple[Array, Array]:
     """Ankle of a foot flat on the floor, and direction of its knee, both (3,) offsets.
 
@@ -85,10 +88,8 @@ def _foot_down(
         1 for the right leg, -1 for the left one.
     outward : float
         Direction of the leg in radians: 0 is straight ahead, positive to its own side.
-    ahead : (float, float)
-        Least and largest distance of the ankle in front of the knee of a horizontal thigh, metres.
     """
-    level = THIGH + rng.uniform(*ahead)
+    level = THIGH + rng.uniform(*_AHEAD)
     direction = np.array([side * np.sin(outward), np.cos(outward), 0.0])
     ankle = np.array([side * HALF_HIPS, 0.0, 0.0]) + level * direction
     ankle[2] = ANKLE_HEIGHT - pose.pelvis[2]

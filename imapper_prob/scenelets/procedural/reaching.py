@@ -81,7 +81,6 @@ def reach(
     via: ArrayLike,
     deepest: float = DEEPEST_CROUCH,
     leans: tuple[float, float] = (0.0, FURTHEST_LEAN),
-    before: Pastime | None = None,
     after: Pastime | None = None,
 ) -> Array:
     """(n, 16, 3) joints of a person on foot who reaches for something.
@@ -103,8 +102,8 @@ def reach(
         Furthest that the knees may lower the pelvis, metres; low furniture leaves less room.
     leans : (float, float)
         Least and greatest bend of the trunk, radians.
-    before, after : Pastime, optional
-        What the hands hold before and after the reach; they hang if not given.
+    after : Pastime, optional
+        What the hands hold after the reach; they hang before it, and after it if not given.
 
     Returns
     -------
@@ -119,8 +118,8 @@ def reach(
     trunk = _posture(body, targets[:, hands].mean(1), lean=part * lean, crouch=part * crouch)
     hanging = hanging_wrists(trunk, 0.08)
     hanging[..., 2] = np.maximum(hanging[..., 2], LOWEST_HAND)
-    first, last = (held(p, trunk, hanging) if p is not None else hanging for p in (before, after))
-    rest = np.where((np.arange(len(part)) > part.argmax())[:, None, None], last, first)
+    last = hanging if after is None else held(after, trunk, hanging)
+    rest = np.where((np.arange(len(part)) > part.argmax())[:, None, None], last, hanging)
     # A quadratic Bezier curve from the resting place to the target, with target + via as its
     # control point.
     p = (part[:, None] * hands)[..., None]
