@@ -162,6 +162,7 @@ YAWS: Final = 36
 _ELEVATION_STEP: Final = np.deg2rad(6.0)
 """Frames with ray elevations this close use the same projections of the poses."""
 _FRAMES_AT_ONCE: Final = 64
+"""Frames whose poses are compared at once; chosen to limit memory."""
 
 
 @dataclass(frozen=True)

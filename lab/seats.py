@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for run, posterior in zip(said.runs, posteriors, strict=True):
         sys.stdout.write(f"{run.name}: {describe(posterior)}\n")
     if said.picture is not None:
-        save_figure(floor_maps(posteriors), said.picture, dpi=110)
+        save_figure(floor_maps(posteriors), said.picture)
 
 
 def floor_maps(posteriors: Sequence[Posterior]) -> Figure:

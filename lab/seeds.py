@@ -215,7 +215,7 @@ def picture(found: dict[str, Seeds], path: Path) -> None:
         axes.legend(title="± as stated; grey: chains", fontsize="small", title_fontsize="small")
     panels[0, 0].set(ylabel="probability", ylim=(-0.02, 1.02))
     figure.tight_layout()
-    save_figure(figure, path, dpi=120)
+    save_figure(figure, path)
     plt.close(figure)
 
 

@@ -13,6 +13,7 @@ __all__ = ["Colour", "action_colour", "category_colour"]
 
 Colour = tuple[int, int, int]
 """Red, green and blue from 0 to 255."""
+# Colours are chosen by eye, so that neighbours in a room differ.
 _CATEGORIES: Final[dict[str, Colour]] = {
     "couch": (89, 161, 159),
     "sofa": (89, 161, 159),
@@ -27,6 +28,7 @@ _CATEGORIES: Final[dict[str, Colour]] = {
     "bed": (89, 161, 79),
     "monitor": (118, 183, 178),
 }
+# Colours of actions, chosen likewise.
 _ACTIONS: Final[dict[str, Colour]] = {
     "walk": (118, 128, 140),
     "stand": (78, 121, 167),
@@ -41,6 +43,7 @@ _ACTIONS: Final[dict[str, Colour]] = {
     "kneel": (118, 183, 178),
     "bend": (140, 110, 190),
 }
+# Colours of names that are not listed, chosen by a digest of the name.
 _OTHERS: Final[tuple[Colour, ...]] = (
     (156, 117, 95),
     (255, 157, 167),

@@ -151,8 +151,8 @@ class ModelSettings:
         Mean duration of a flip, seconds.
     pose_tolerance : tuple of 16 float
         Metres, for a body of the reference stature; standard deviation of each joint about the
-        scenelet's, the same on both sides. A library of a few hundred motions never contains
-        exactly the motion of this person; wrists and ankles differ most.
+        scenelet's, the same on both sides. No library contains exactly the motion of
+        this person; wrists and ankles differ most.
     sight_width : float
         Metres; width of the transition from hidden to visible as a function of clearance. It
         accounts for errors of the furniture's shape and position.

@@ -29,6 +29,7 @@ Points = tuple[tuple[float, float], ...]
 DOUBT: Final = 0.001
 """Default probability that an answer is given by chance; chosen."""
 _LEAST_DOUBT: Final = 1e-12
+"""Least doubt; chosen, so that its log is finite."""
 LEAST_METRES: Final = 1e-4
 """Least standard deviation of measured lengths, m; chosen. Nobody measures furniture better, and
 much smaller ones are lost in rounding."""

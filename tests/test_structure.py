@@ -170,6 +170,58 @@ def test_a_public_name_is_used_by_another_file(path: Path) -> None:
     assert [name for name in exported(path) if not any(name in used for used in others)] == []
 
 
+def has_number(value: object) -> bool:
+    if isinstance(value, dict):
+        return any(map(has_number, value.values()))
+    if isinstance(value, (tuple, list)):
+        return any(map(has_number, value))
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def is_number(node: ast.expr) -> bool:
+    try:
+        return has_number(ast.literal_eval(node))
+    except ValueError:
+        return False
+
+
+def bare_constants(text: str) -> Iterator[str]:
+    """Lines that set numbers without a text: a comment above the group, or a string below it."""
+    lines, body = text.split("\n"), ast.parse(text).body
+    group: list[ast.Assign | ast.AnnAssign] = []
+    for node, after in zip(body, [*body[1:], None], strict=True):
+        if not isinstance(node, (ast.Assign, ast.AnnAssign)):
+            continue
+        if group and node.lineno > (group[-1].end_lineno or 0) + 1:
+            group = []
+        group.append(node)
+        goes_on = (
+            isinstance(after, (ast.Assign, ast.AnnAssign))
+            and after.lineno == (node.end_lineno or 0) + 1
+        )
+        if goes_on:
+            continue
+        below = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+        above = lines[group[0].lineno - 2].startswith("#")
+        if not below and not above:
+            yield from (
+                lines[one.lineno - 1] for one in group if one.value and is_number(one.value)
+            )
+        group = []
+
+
+def test_a_bare_constant_is_noticed() -> None:
+    assert list(bare_constants("\nA = 1\nB = 2.0\n")) == ["A = 1", "B = 2.0"]
+    assert list(bare_constants('\nA = 1\n"""Metres."""\n# Seconds.\nB = 2\nC = {"a": 3}\n')) == []
+    assert list(bare_constants('\nA = 1\n\nB = (2, 3)\n"""Pixels."""\nC = "a"\n')) == ["A = 1"]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=module_name)
+def test_every_constant_says_what_it_is(path: Path) -> None:
+    """Its unit and where it comes from; the words are for readers to judge."""
+    assert list(bare_constants(path.read_text(encoding="utf-8"))) == []
+
+
 def test_every_import_is_a_declared_dependency() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = [project["optional-dependencies"][e] for e in ("video", "cluster", "notebook")]

@@ -420,8 +420,6 @@ def _draw(options: argparse.Namespace, clip: Clip) -> None:
 # ------------------------------------------------------------------------------------------------
 # ``track``: assign identities to people that a detector found frame by frame.
 
-_DOTS_PER_INCH = 120
-
 
 def add_track_command(
     commands: argparse._SubParsersAction[Any], shared: argparse.ArgumentParser
@@ -465,5 +463,5 @@ def _track(options: argparse.Namespace) -> None:
         from imapper_prob.clips.identity import track_figure
 
         with disk_errors_named(options.picture), written_whole(options.picture) as beside:
-            save_figure(track_figure(clip), beside, dpi=_DOTS_PER_INCH)
+            save_figure(track_figure(clip), beside)
     console().print(clip_table(clip))

@@ -79,7 +79,6 @@ from imapper_prob.sampling.cluster import Cluster, connected, executor_of
 
 __all__ = ["evaluate_results"]
 
-_DOTS_PER_INCH = 150
 _log = logging.getLogger(__name__)
 
 
@@ -224,7 +223,7 @@ def _write(
         write_evaluation(folder / "evaluation.json", evaluation, differences, made)
         for name, figure in figures.items():
             with written_whole(folder / name) as beside:
-                save_figure(figure, beside, dpi=_DOTS_PER_INCH)
+                save_figure(figure, beside)
 
 
 # ------------------------------------------------------------------------------------------------

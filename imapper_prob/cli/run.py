@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 
 __all__ = ["DEMO", "add_run_commands"]
 
-_DOTS_PER_INCH = 120
-
 
 def show_energy(folder: Path) -> None:
     """Print the energy terms of the first scene of a run; write ``energy.png`` and ``energy.json``.
@@ -72,7 +70,7 @@ def show_energy(folder: Path) -> None:
     figure, document = folder / "energy.png", folder / "energy.json"
     with disk_errors_named(folder):
         with written_whole(figure) as beside:
-            save_figure(energy_figure(explanation, title=clip.name), beside, dpi=_DOTS_PER_INCH)
+            save_figure(energy_figure(explanation, title=clip.name), beside)
         write_energy(document, explanation, clip=clip.name, library_digest=digest)
     out.print(f"Written: {figure}, {document}")
 

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 __all__ = ["add_scenelet_commands"]
 
 _FIGURES = ("embedding.png", "furniture.png", "charness.png")
-_DOTS_PER_INCH = 150
 
 
 def add_scenelet_commands(
@@ -141,7 +140,7 @@ def _plot(options: argparse.Namespace) -> None:
     )
     for path, figure in zip(paths, figures, strict=True):
         with _written(path), written_whole(path) as beside:
-            save_figure(figure, beside, dpi=_DOTS_PER_INCH)
+            save_figure(figure, beside)
         console().print(f"Written: {path}")
 
 

@@ -87,11 +87,13 @@ def _world(found: Any) -> NDArray[np.float64] | None:
 
 _ACROSS: Final = 3
 _DOWN: Final = 2
+"""Frames beside and below each other on a sheet."""
 _WIDTH: Final = 640
 """Width in pixels of each frame on the sheet."""
 _COLOURS: Final = {"R": (242, 142, 43), "L": (78, 121, 167)}
 """Orange for the body's right side, blue for its left; red and green are often confused."""
 _MIDDLE: Final = (186, 176, 172)
+"""Grey of bones that are on neither side, sRGB."""
 _DOUBTFUL: Final = 0.5
 """Confidence below which a bone is drawn thin."""
 

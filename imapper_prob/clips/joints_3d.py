@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 MAGIC: Final = "PathFileType"
 """First word of every TRC file."""
 _METRES: Final = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+"""Metres of each unit of a TRC file."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +146,7 @@ _UNTOLD: Final = 0.75
 """Confidence of a projected joint. Whether it was visible is unknown; at this confidence the
 detection tables favour neither case."""
 _NEEDED: Final[Shapes] = {"fps": ("number",)}
+# Shapes of the arrays that may be there.
 _OPTIONAL: Final[Shapes] = {
     "joint_names": ("text", None),
     "matrix": ("number", 3, 3),

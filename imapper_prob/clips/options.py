@@ -40,7 +40,7 @@ _ASSUMED: Final = 0.2
 """Standard deviation of the log focal length of an unknown camera. The focal length is then taken
 to be the longer side of the image; one standard deviation covers horizontal fields of view of 44 to
 63 degrees. It is the error for nine webcams and phones whose field of view in videos is published
-or was measured (``docs/how-to/own_video.md``)."""
+or was measured (``docs/explanation/decisions.md``)."""
 _WRITTEN_DOWN: Final = 0.1
 """Standard deviation of the log focal length that phones record. That value holds for the whole
 sensor, of which videos crop up to a fifth for stabilisation."""
@@ -49,6 +49,7 @@ _KEYS: Final = {
     "pitch_degrees": (), "roll_degrees": (), "height": (),
 }  # fmt: skip
 _DISTORTION_LENGTHS: Final = (4, 5, 8)
+"""Numbers of coefficients of the lens models of OpenCV that are known here."""
 _LARGEST: Final = 1e6
 """Pixels of focal length or principal point beyond which a value counts as damaged."""
 _SKEW: Final = 1e-3

@@ -42,6 +42,7 @@ _FARTHEST: Final = 6.0
 _SMALLEST: Final = 20.0
 """Least height of a body in pixels that is assumed, since only a few joints may be visible."""
 _ROWS_AT_ONCE: Final = 50_000
+"""Pairs of skeletons that are compared at once, in some 20 MB; chosen."""
 
 
 def distances(keypoints: Array, confidences: Array, one: Ints, other: Ints) -> Array:

@@ -201,6 +201,7 @@ def prediction_of_solved(solved: Solved, *, name: str) -> Prediction:
 
 PREDICTION_FORMAT: Final = "imapper-prob prediction"
 _PREDICTION_VERSION: Final = 1
+"""Version of the file's format."""
 
 
 def read_prediction(path: str | Path, clip: Clip) -> Prediction:

@@ -131,8 +131,10 @@ def _count(frames: int, part: float) -> int:
 # Evaluations.
 
 _BOOTSTRAP_SEED: Final = 8
+"""Fixed, so that the same results have the same intervals; any number would do."""
 _FORMAT: Final = "imapper-prob evaluation"
 _VERSION: Final = 2
+"""Version of the file's format."""
 
 
 @dataclass(frozen=True, eq=False)

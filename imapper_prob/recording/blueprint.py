@@ -12,6 +12,7 @@ from imapper_prob.models.camera import Camera
 from imapper_prob.models.scene import Clip, Scene, Truth
 from imapper_prob.models.skeleton import PELV
 from imapper_prob.models.text import counted, in_markdown, with_error
+from imapper_prob.recording.palette import BACKGROUND
 from imapper_prob.recording.posterior import HIDDEN, Certainty, chain_entity, trace_entity
 from imapper_prob.recording.shapes import own_entity
 from imapper_prob.uncertainty.clusters import cells_of_object, names_of
@@ -160,7 +161,6 @@ def _bar(share: float) -> str:
 # Layout: one large view of the most probable scene, with the other views around it.
 
 Array = NDArray[np.float64]
-_BACKGROUND = (18, 20, 25)
 _FROM = np.array([0.75, -0.60, 0.50])
 """Direction of the eye from the middle of the room: to the right of the camera's line of sight and
 above it, so that camera, person and furniture are side by side from left to right."""
@@ -226,7 +226,7 @@ def make_blueprint(
         origin="world/camera/image",
         contents=["$origin/**", "world/scene_1/furniture"],
         name="Image: detections and reprojection",
-        background=_BACKGROUND,
+        background=BACKGROUND,
         visual_bounds=_whole(image),
     )
     below: list[rrb.Container | rrb.View] = [
@@ -349,7 +349,7 @@ def _room(name: str, contents: Sequence[str], eye: rrb.EyeControls3D) -> rrb.Spa
         origin="world",
         contents=["world", *contents],
         name=name,
-        background=_BACKGROUND,
+        background=BACKGROUND,
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=eye,
     )

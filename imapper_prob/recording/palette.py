@@ -20,6 +20,7 @@ from imapper_prob.plotting import Colour, category_colour
 
 __all__ = [
     "ALTERNATIVE",
+    "BACKGROUND",
     "ESTIMATE",
     "FLOOR",
     "FLOOR_LINE",
@@ -124,6 +125,9 @@ TRUTH: Final = 3
 REPROJECTION: Final = 4
 """Class of the most probable scene's joints in the image."""
 _FIRST_CATEGORY: Final = 10
+"""Class of the first furniture label; smaller ones are those above."""
+BACKGROUND: Final = (18, 20, 25)
+"""Behind every view: nearly black, sRGB."""
 FLOOR: Final = (30, 33, 40)
 FLOOR_LINE: Final = (58, 63, 74)
 TRUE_COLOUR: Final = (190, 190, 190)
@@ -152,6 +156,7 @@ _PEOPLE: Final[dict[int, tuple[str, Colour]]] = {
 _UNSURE: Final = np.array([225.0, 70.0, 70.0])
 _HALF_SURE: Final = np.array([245.0, 190.0, 70.0])
 _SURE: Final = np.array([90.0, 210.0, 120.0])
+"""Colours of certainties 0, 1/2 and 1, sRGB; those in between are interpolated."""
 
 
 def category_ids(labels: Iterable[str]) -> dict[str, int]:

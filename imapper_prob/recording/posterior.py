@@ -180,6 +180,7 @@ _RING = 0.075
 _FRAME = 0.015
 """Half the side of the square around a hidden joint, in units of the image's height."""
 _AXES = {"across the view": (134, 188, 240), "depth": (255, 214, 102), "height": (150, 215, 170)}
+"""Colours of the curves of standard deviations by direction, sRGB."""
 
 
 @dataclass(frozen=True)

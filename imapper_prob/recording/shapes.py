@@ -63,6 +63,7 @@ _ELLIPSE_HEIGHT = 0.004
 _QUANTILES = {0.5: 1.386, 0.9: 4.605}
 """Chi-square quantiles at two degrees of freedom, -2 log(1 - p)."""
 _FLOOR_THICKNESS = 0.02
+"""Metres; chosen by eye, so that the floor is visible from the side."""
 _NAME_HEIGHT = 0.3
 """Metres above an object at which its name is drawn, above a person who sits there."""
 _LIMBS = (

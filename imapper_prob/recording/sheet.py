@@ -35,6 +35,7 @@ from imapper_prob.models.scenelet import Library, Scenelet
 from imapper_prob.plotting import Colour
 from imapper_prob.recording import palette, shapes
 from imapper_prob.recording.log import saved
+from imapper_prob.recording.palette import BACKGROUND
 from imapper_prob.recording.shapes import entity_part, log_person, log_static
 
 __all__ = ["kinds", "write_sheet"]
@@ -64,7 +65,6 @@ _POSE_RADIUS: Final = 0.012
 """Radius in metres, chosen by eye: thinner than a limb."""
 _WIDE: Final = 2.2
 """Approximate least width of the sheet over its depth, which fills a screen in a slanted view."""
-_BACKGROUND: Final[Colour] = (18, 20, 25)
 _BRIGHT: Final[Colour] = (235, 238, 243)
 _DIM: Final[Colour] = (175, 181, 192)
 _CHARACTERISTIC: Final = np.array([62.0, 92.0, 110.0])
@@ -297,7 +297,7 @@ def _view(name: str, contents: Sequence[str], tiles: Sequence[_Tile]) -> rrb.Spa
         origin="sheet",
         contents=["sheet", *contents],
         name=palette.drawable(name),
-        background=_BACKGROUND,
+        background=BACKGROUND,
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=eye,
     )

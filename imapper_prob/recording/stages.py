@@ -34,6 +34,7 @@ from imapper_prob.models.skeleton import PELV
 from imapper_prob.plotting import Colour
 from imapper_prob.recording import palette, shapes
 from imapper_prob.recording.log import saved
+from imapper_prob.recording.palette import BACKGROUND
 from imapper_prob.recording.shapes import PATH_RADIUS, entity_part, log_moving, log_static
 from imapper_prob.solver.actors import Solved
 from imapper_prob.solver.candidates import Candidate
@@ -48,7 +49,6 @@ Curve = tuple[NDArray[np.int64], Array]
 """Frame numbers and values."""
 _APPLICATION = "imapper-prob-stages"
 """Name under which the viewer stores its settings."""
-_BACKGROUND = (18, 20, 25)
 _AIR = 0.5
 """Metres of floor shown around its content."""
 
@@ -183,7 +183,7 @@ def _blueprint() -> rrb.Blueprint:
     room = rrb.Spatial3DView(
         origin="world",
         name="Room",
-        background=_BACKGROUND,
+        background=BACKGROUND,
         line_grid=rrb.LineGrid3D(visible=False),
     )
     text = rrb.TextDocumentView(origin="summary", name="This stage")

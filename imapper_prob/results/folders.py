@@ -291,7 +291,6 @@ _SOLUTION_FILES = (
     "candidates.png", "charness.png", "config.toml", "evaluation.json", "evaluation.png",
     "solution.json", "solution.npz", "stages.rrd",
 )  # fmt: skip
-_DOTS_PER_INCH = 120
 
 
 @contextmanager
@@ -347,8 +346,8 @@ def write_solution_folder(folder: Path, solved: Solved, config: Config, *, overw
     with folder_published(folder, names=_SOLUTION_FILES) as beside:
         (beside / "config.toml").write_text(to_toml(config), encoding="utf-8")
         write_solution(beside, solved)
-        save_figure(charness_figure(solved), beside / "charness.png", dpi=_DOTS_PER_INCH)
-        save_figure(candidate_figure(solved), beside / "candidates.png", dpi=_DOTS_PER_INCH)
+        save_figure(charness_figure(solved), beside / "charness.png")
+        save_figure(candidate_figure(solved), beside / "candidates.png")
         write_stages(
             beside / "stages.rrd",
             clip=solved.clip,

@@ -343,6 +343,7 @@ def furniture_table(solved: Solved) -> Table:
 
 _ACCENT: Final = "#e15759"
 _COLUMNS: Final = 4
+"""Candidates beside each other in the figure."""
 _AROUND: Final = 1.6
 """Metres of floor shown on each side of a candidate."""
 

@@ -20,6 +20,7 @@ Ints = NDArray[np.int64]
 _REACH: Final = 4
 """Largest shift of a scenelet, frames; chosen."""
 _SCALES: Final = (0.2, 1.0, 4.0)
+"""Factors on the unit steps below; chosen: small steps near a narrow mode, large ones out of it."""
 _BEARING, _LOG_DEPTH, _YAW = 0.006, 0.03, 0.08
 """Unit steps of a placement in bearing (tangent), log depth and yaw (radians), which are multiplied
 by one of the scales; about the standard deviations of placements in chains of a simulated clip."""

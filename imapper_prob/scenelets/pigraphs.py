@@ -175,6 +175,7 @@ def _front(boxes: Sequence[MeasuredBox], middle: Array) -> float:
 # Recordings.
 
 _KINECT_JOINTS: Final = 25
+"""Joints of a Kinect v2 skeleton."""
 _FROM_KINECT: Final = (18, 17, 16, 12, 13, 14, 0, 20, 2, 3, 10, 9, 8, 4, 5, 6)
 """Kinect v2 joint (Microsoft's ``JointType``) for each of ours; its left is the person's own."""
 _TICK: Final = 1e-7

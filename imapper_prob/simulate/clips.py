@@ -175,6 +175,7 @@ NOMINAL_CAMERA: Final = Camera(
 PITCH_SPREAD: Final = calibrated("camera.pitch")
 ROLL_SPREAD: Final = calibrated("camera.roll")
 ELEVATIONS: Final = (1.3, 1.7)
+"""Range of the height of a camera on a tripod, metres; chosen, about the nominal 1.5 m."""
 SCALE_SPREAD: Final = 0.05
 """Standard deviation of log focal length (assumed ones are accurate to 5 %) and of log body scale
 (statures of adults about 1.70 m)."""

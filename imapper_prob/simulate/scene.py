@@ -62,8 +62,8 @@ KNEE_ROOM: Final = 0.45
 SITTING: Final = 0.75
 """Height in metres of the pelvis below which a person sits."""
 
-# End points of walks relative to the first pose: (right, forward) metres. In front of a seat,
-# beside it or past the end of a table in front of it; behind a standing person.
+# End points of walks relative to the first pose: (right, forward) metres; chosen. In front of a
+# seat, beside it or past the end of a table in front of it; behind a standing person.
 _BEFORE_SEAT = (
     (0.0, 0.6),
     (0.55, 0.0),

@@ -111,6 +111,7 @@ together as often as the more probable one occurs."""
 _ROUNDS = 30
 """Largest number of iterations of the matching; it usually converges after ten."""
 _APART = 1e6
+"""Cost of merging two clusters that must not be merged; those that may have one below 1."""
 _RAREST = 0.001
 """Least probability of a label that is listed."""
 

@@ -73,6 +73,7 @@ _MANTISSA, _UNIT = 0x000FFFFFFFFFFFFF, 0x3FF0000000000000
 _DOUBLE_HALF_BITS = 0x3FE6A09E667F3BCD
 """The bits of sqrt(1/2), the lower end of reduced mantissas."""
 _BIAS = 1023
+"""The exponent that stands for 2^0."""
 
 # Single precision, because one double operand would promote the whole expression.
 _LOG2E = np.float32(1.0 / math.log(2.0))

@@ -67,6 +67,8 @@ INSTEP_ON_FLOOR, TOES_ON_FLOOR = 0.05, 0.12
 it stands on bent toes. The first is half the height of the instep. In the second the ball of the
 foot is .15 H of foot length from the ankle, below a raised heel (*Bodyspace*)."""
 _KNEES_UP: Final = np.array([[0.15, 1.0, 1.0], [-0.15, 1.0, 1.0]])
+"""Directions of the right and the left knee of bent legs on the floor, as (right, forward, up);
+chosen."""
 
 
 def _on_floor(rng: np.random.Generator, lean: float) -> SeatedPose:

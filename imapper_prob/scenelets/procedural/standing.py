@@ -64,7 +64,9 @@ class Pastime:
 
 
 _HANGS: Final = (np.nan, np.nan, np.nan)
+"""A hand that has nothing to do."""
 _OUT, _WIDE, _DOWN = (1.0, -0.7, -0.5), (2.0, -0.7, -0.5), (0.4, 0.2, -1.0)
+"""Directions of elbows: outward, forward, up; chosen by eye."""
 
 _PASTIMES: Final[dict[str, Pastime]] = {
     "arms hanging": Pastime(np.array([_HANGS, _HANGS])),
