@@ -305,8 +305,8 @@ class Behind:
 class Seen:
     """The complete output of an object detector in one frame.
 
-    A piece of furniture is detected with probability ``rate`` times the share of it that is in the
-    image and unoccluded.
+    A piece of furniture is detected with probability ``rate`` times the share of its part in the
+    image that is unoccluded.
 
     Parameters
     ----------

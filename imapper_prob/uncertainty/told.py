@@ -175,12 +175,25 @@ class _Pieces:
         set_errors(self._boxes[k, case], self._spread, mean, covariance)
         return mean, covariance
 
-    def _decide(self, k: int, case: int) -> bool:
-        """Fix what a piece is; False if an earlier measurement found it to be something else."""
+    def _so_far(self, k: int, case: int) -> tuple[Array, Array]:
+        """Mean and covariance of a piece's errors given earlier measurements."""
         if self._cases[k] == _UNDECIDED:
-            self._cases[k] = case
-            self._errors[k] = self._prior(k, case)
-        return bool(self._cases[k] == case)
+            return self._prior(k, case)
+        mean, covariance = self._errors[k]
+        return mean.copy(), covariance.copy()
+
+    def _possible(self, shares: Array) -> list[tuple[int, int]]:
+        """The cases (k, case) with a share that no earlier measurement excludes."""
+        return [
+            (k, case)
+            for k, case in np.argwhere(shares).tolist()
+            if self._cases[k] in (_UNDECIDED, case)
+        ]
+
+    def _decide(self, k: int, case: int) -> None:
+        """Fix what a piece is."""
+        if self._cases[k] == _UNDECIDED:
+            self._cases[k], self._errors[k] = case, self._prior(k, case)
 
     def measure(
         self, rng: np.random.Generator, said: ObjectAt, numbers: Array, shares: Array
@@ -196,16 +209,17 @@ class _Pieces:
             box, turn = self._boxes[k, case], self._turns[k]
             return measure_object(numbers[SAID:], lens, self._camera, box, turn, mean, covariance)
 
-        ours = np.argwhere(shares).tolist()
+        ours = self._possible(shares)
         right = probability_right(said.doubt, shares)
         logs = [
             math.log(right * shares[k, case] / shares.sum())
-            + agreement(k, case, *self._prior(k, case))
+            + agreement(k, case, *self._so_far(k, case))
             for k, case in ours
         ]
         which = _one_of(rng, [*logs, math.log(said.doubt) + numbers[WRONG]])
-        if which < len(ours) and self._decide(*ours[which]):
+        if which < len(ours):
             k, case = ours[which]
+            self._decide(k, case)
             agreement(k, case, *self._errors[k])
             self._placed[k] |= said.place is not None
             self._sized[k] |= said.size is not None or said.box is not None
@@ -233,18 +247,21 @@ class _Pieces:
             box, turn = self._boxes[k, case], self._turns[k]
             project_outline(lens, self._camera, box, turn, edges[k, case], slopes[k, case])
         outlines = np.ascontiguousarray(edges[:, 0])
-        rates = [detection_rate(said.rate, outlines, k, person) for k in range(len(outlines))]
+        rates = [detection_rate(said.rate, lens, outlines, k, person) for k in range(len(outlines))]
         for box, own in zip(boxes, shares, strict=True):
-            ours = np.argwhere(own).tolist()
+            ours = self._possible(own)
             logs = [
                 _log(rates[k] * own[k, case])
-                + measure_box(box, said.std, edges[k, case], slopes[k, case], *self._prior(k, case))
+                + measure_box(
+                    box, said.std, lens, edges[k, case], slopes[k, case], *self._so_far(k, case)
+                )
                 for k, case in ours
             ]
             which = _one_of(rng, [*logs, math.log(said.clutter) + numbers[CLUTTER]])
-            if which < len(ours) and self._decide(*ours[which]):
+            if which < len(ours):
                 k, case = ours[which]
-                measure_box(box, said.std, edges[k, case], slopes[k, case], *self._errors[k])
+                self._decide(k, case)
+                measure_box(box, said.std, lens, edges[k, case], slopes[k, case], *self._errors[k])
                 self._sized[k] = True
 
     def standing(

@@ -5,7 +5,8 @@ along its depth (m), and the logs of its width, depth and height. A seat of anot
 scenelet has the mean sides of that kind in place of the scenelet's, with the same errors. Places,
 sizes and edges of image boxes are linear in the errors, to first order. So these are summed out
 exactly: measured numbers condition them one after the other, and the product of the predictive
-densities is the density of all.
+densities is the density of all. An edge that may be outside the picture, where boxes are cut off,
+is a mixture; the errors are then conditioned on its most probable case.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ __all__ = [
     "log_normal",
     "measure_box",
     "measure_object",
+    "normal_cdf",
     "project_outline",
     "resize",
     "set_errors",
@@ -41,6 +43,8 @@ Array = NDArray[np.float64]
 ERRORS: Final = 5
 """Number of errors of a piece."""
 LOG_2PI: Final = math.log(2.0 * math.pi)
+_LEAST: Final = 1e-300
+"""Least probability of a case; its log is finite."""
 _GRID: Final = 4
 """Points along each side of an object's image box at which occlusion is tested."""
 
@@ -59,6 +63,21 @@ def log_normal(x: float, variance: float) -> float:
     float
     """
     return -0.5 * (LOG_2PI + math.log(variance) + x * x / variance)
+
+
+@inner
+def normal_cdf(x: float) -> float:
+    """Standard normal distribution function.
+
+    Parameters
+    ----------
+    x : float
+
+    Returns
+    -------
+    float
+    """
+    return 0.5 * math.erfc(-x / math.sqrt(2.0))
 
 
 @compiled
@@ -107,18 +126,61 @@ def _measure(mean: Array, covariance: Array, slope: Array, off: float, variance:
 
     The number is ``off`` plus what errors of 0 predict; it changes by ``slope`` with the errors.
     """
-    gain, total = np.zeros(ERRORS), variance
+    gain = np.empty(ERRORS)
+    off, total = _predict(mean, covariance, slope, off, gain)
+    total += variance
+    _condition(mean, covariance, gain, off, total)
+    return log_normal(off, total)
+
+
+@inner
+def _predict(
+    mean: Array, covariance: Array, slope: Array, off: float, gain: Array
+) -> tuple[float, float]:
+    """What is left of ``off`` after the mean errors, and the variance that they give the number."""
+    total = 0.0
     for i in range(ERRORS):
+        gain[i] = 0.0
         for j in range(ERRORS):
             gain[i] += covariance[i, j] * slope[j]
-    for i in range(ERRORS):
         total += slope[i] * gain[i]
         off -= slope[i] * mean[i]
+    return off, total
+
+
+@inner
+def _condition(mean: Array, covariance: Array, gain: Array, off: float, total: float) -> None:
+    """Condition the errors on a number of variance ``total`` that is ``off`` its prediction."""
     for i in range(ERRORS):
         mean[i] += gain[i] * off / total
         for j in range(ERRORS):
             covariance[i, j] -= gain[i] * gain[j] / total
-    return log_normal(off, total)
+
+
+@inner
+def _measure_edge(
+    mean: Array, covariance: Array, slope: Array, edge: float, said: float, std: float, most: float
+) -> float:
+    """The same of an edge that is cut off at 0 and ``most``.
+
+    The true edge is inside the picture, or beyond a border; then that border is measured.
+    """
+    gain = np.empty(ERRORS)
+    off, spread = _predict(mean, covariance, slope, said - edge, gain)
+    expected, total = said - off, spread + std * std
+    root = math.sqrt(max(spread, 1e-18))
+    # Where the edge is, given that it was measured and is not cut off.
+    there, within = expected + off * spread / total, root / math.sqrt(total) * std
+    inside = normal_cdf((most - there) / within) - normal_cdf(-there / within)
+    inside_nats = log_normal(off, total) + math.log(max(inside, _LEAST))
+    below_nats = log_normal(said, std * std) + math.log(max(normal_cdf(-expected / root), _LEAST))
+    above = normal_cdf((expected - most) / root)
+    above_nats = log_normal(said - most, std * std) + math.log(max(above, _LEAST))
+    top = max(inside_nats, below_nats, above_nats)
+    if inside_nats == top:
+        _condition(mean, covariance, gain, off, total)
+    total = math.exp(inside_nats - top) + math.exp(below_nats - top) + math.exp(above_nats - top)
+    return top + math.log(total)
 
 
 @compiled
@@ -138,9 +200,9 @@ def project_outline(
     turn : (2,) float
         Cosine and sine of its yaw.
     edges : (5,) float
-        Output: left, top, right and bottom, cut off at the image, pixels; depth of the centre, m.
+        Output: left, top, right and bottom, also outside the image, pixels; depth of the centre, m.
     slopes : (4, 5) float
-        Output: derivatives of the edges by the errors; 0 where an edge is cut off.
+        Output: derivatives of the edges by the errors.
     """
     pose = camera_pose(camera)
     fx, fy = math.exp(camera[2]) * lens[2], math.exp(camera[2]) * lens[3]
@@ -173,26 +235,23 @@ def project_outline(
                         slopes[edge, k] = -fy * (lifted - up * farther) / depth
                     else:
                         slopes[edge, k] = fx * (aside - right * farther) / depth
-    for edge in range(4):
-        most = lens[4 + edge % 2]
-        if not 0.0 < edges[edge] < most:
-            edges[edge] = min(max(edges[edge], 0.0), most)
-            slopes[edge] = 0.0
     edges[4] = point_to_camera(pose, piece[0], piece[1], piece[2])[1]
 
 
 @compiled
 def measure_box(
-    box: Array, std: float, edges: Array, slopes: Array, mean: Array, covariance: Array
+    box: Array, std: float, lens: Array, edges: Array, slopes: Array, mean: Array, covariance: Array
 ) -> float:
     """Condition the errors of a piece on its box in the image.
 
     Parameters
     ----------
     box : (4,) float
-        Left, top, right and bottom, as measured, pixels.
+        Left, top, right and bottom, as measured, cut off at the image, pixels.
     std : float
         Standard deviation of each, pixels.
+    lens : (6,) float
+        See :func:`project_outline`.
     edges, slopes : (5,), (4, 5) float
         See :func:`project_outline`.
     mean, covariance : (5,), (5, 5) float
@@ -205,8 +264,9 @@ def measure_box(
     """
     total = 0.0
     for edge in range(4):
-        off = box[edge] - edges[edge]
-        total += _measure(mean, covariance, slopes[edge], off, std * std)
+        total += _measure_edge(
+            mean, covariance, slopes[edge], edges[edge], box[edge], std, lens[4 + edge % 2]
+        )
     return total
 
 
@@ -246,18 +306,20 @@ def measure_object(
     if said[11] > 0.0:
         edges, slopes = np.empty(5), np.empty((4, ERRORS))
         project_outline(lens, camera, piece, turn, edges, slopes)
-        total += measure_box(said[7:11], said[11], edges, slopes, mean, covariance)
+        total += measure_box(said[7:11], said[11], lens, edges, slopes, mean, covariance)
     return total
 
 
 @compiled
-def detection_rate(rate: float, outlines: Array, k: int, person: Array) -> float:
+def detection_rate(rate: float, lens: Array, outlines: Array, k: int, person: Array) -> float:
     """Poisson rate of boxes of a piece at which "no box" is as probable as a detector's miss.
 
     Parameters
     ----------
     rate : float
         Probability of detecting a piece in full view.
+    lens : (6,) float
+        See :func:`project_outline`.
     outlines : (K, 5) float
         Left, top, right, bottom (px) and depth (m) of all pieces.
     k : int
@@ -269,24 +331,30 @@ def detection_rate(rate: float, outlines: Array, k: int, person: Array) -> float
     -------
     float
     """
-    return -math.log1p(-rate * _shown(outlines, k, person))
+    return -math.log1p(-rate * _shown(lens, outlines, k, person))
 
 
 @inner
-def _shown(outlines: Array, k: int, person: Array) -> float:
-    """Share of a piece's image box that no nearer piece and no person occludes."""
-    edges, free, count = outlines[k], 0, len(outlines)
+def _shown(lens: Array, outlines: Array, k: int, person: Array) -> float:
+    """Share of a piece's image box that no nearer piece and no person occludes.
+
+    The share is estimated from points; its mean given their number (with Jeffreys' prior) is
+    neither 0 nor 1, for a piece without a free point may be seen between them.
+    """
+    free, count = 0, len(outlines)
+    left, right = max(outlines[k, 0], 0.0), min(outlines[k, 2], lens[4])
+    top, bottom = max(outlines[k, 1], 0.0), min(outlines[k, 3], lens[5])
+    if right - left < 1.0 or bottom - top < 1.0:
+        return 0.0
     for i in range(_GRID * _GRID):
-        u = edges[0] + (i % _GRID + 0.5) / _GRID * (edges[2] - edges[0])
-        v = edges[1] + (i // _GRID + 0.5) / _GRID * (edges[3] - edges[1])
+        u = left + (i % _GRID + 0.5) / _GRID * (right - left)
+        v = top + (i // _GRID + 0.5) / _GRID * (bottom - top)
         hidden = False
         for j in range(count + 1):
             if j == k:
                 continue
             other = person if j == count else outlines[j]
             over = other[0] < u < other[2] and other[1] < v < other[3]
-            hidden = hidden or (over and other[4] < edges[4])
+            hidden = hidden or (over and other[4] < outlines[k, 4])
         free += not hidden
-    if edges[2] - edges[0] < 1.0 or edges[3] - edges[1] < 1.0:
-        return 0.0
-    return free / (_GRID * _GRID)
+    return (free + 0.5) / (_GRID * _GRID + 1)

@@ -29,6 +29,7 @@ from imapper_prob.models.kernels.measured import (
     log_normal,
     measure_box,
     measure_object,
+    normal_cdf,
     project_outline,
     resize,
     set_errors,
@@ -75,11 +76,6 @@ _SOFT: Final = 0.05
 _TOUCHING: Final = np.array(TOUCHING)
 PIECE: Final = 7
 """Numbers of a piece: centre (m), half sides (m) and yaw of its bounding box."""
-
-
-@inner
-def _normal_cdf(x: float) -> float:
-    return 0.5 * math.erfc(-x / math.sqrt(2.0))
 
 
 @compiled
@@ -203,7 +199,7 @@ def _presence(problem: Problem, s: int, pieces: Array, shares: Array) -> float:
         if there > 0.0 and kinds[3] > kinds[2]:
             piece = pieces[k]
             far = _inside(problem.given_rows, kinds[2], kinds[3], piece[0], piece[1])
-            there *= _normal_cdf(far / math.sqrt(_spread_at(spread, piece, numbers[2])))
+            there *= normal_cdf(far / math.sqrt(_spread_at(spread, piece, numbers[2])))
         none *= 1.0 - there
     return _answered(1.0 - none, numbers[1] > 0.0, numbers[0])
 
@@ -221,13 +217,13 @@ def _room(problem: Problem, cache: Cache, s: int, pieces: Array, rotations: Arra
         nearest = min(
             nearest, _inside(problem.given_rows, first, end, joints[0, PELV], joints[1, PELV])
         )
-    probability, spread = _normal_cdf(nearest / numbers[1]), _spread_of(problem)
+    probability, spread = normal_cdf(nearest / numbers[1]), _spread_of(problem)
     for k in range(len(pieces)):
         piece, turn, nearest = pieces[k], rotations[k], math.inf
         for corner in range(4):
             x, y = corner_of(piece, turn, corner, 0.0)
             nearest = min(nearest, _inside(problem.given_rows, first, end, x, y))
-        probability *= _normal_cdf(nearest / math.sqrt(_spread_at(spread, piece, numbers[1])))
+        probability *= normal_cdf(nearest / math.sqrt(_spread_at(spread, piece, numbers[1])))
     return _answered(probability, True, numbers[0])
 
 
@@ -325,7 +321,7 @@ def _contact(problem: Problem, cache: Cache, s: int, owners: Ints, shares: Array
         wanted = owners == piece
         for t in range(len(none)):
             margin = _margin(cache, wanted, numbers[1] > 0.0, kinds[5] + t, n)
-            none[t] *= 1.0 - share * _normal_cdf(margin / _SOFT)
+            none[t] *= 1.0 - share * normal_cdf(margin / _SOFT)
     return _answered(1.0 - none.max(), True, numbers[0])
 
 
@@ -351,7 +347,7 @@ def _same_object(
         for row in range(kinds[2], kinds[3]):
             for t in range(int(problem.given_rows[row, 0]), int(problem.given_rows[row, 1])):
                 least = min(least, _margin(cache, wanted, numbers[1] > 0.0, t, n))
-        none *= 1.0 - share * _normal_cdf(least / _SOFT)
+        none *= 1.0 - share * normal_cdf(least / _SOFT)
     return _answered(1.0 - none, True, numbers[0])
 
 
@@ -389,7 +385,7 @@ def _behind(problem: Problem, s: int, pieces: Array, rotations: Array, shares: A
             two = _spread_at(spread, pieces[j], 0.0)
             shared = min(own[1], other[1]) - max(own[0], other[0])
             aside = math.sqrt(one / (far * far) + two / (near * near))
-            there = _normal_cdf((far - near) / math.sqrt(one + two)) * _normal_cdf(shared / aside)
+            there = normal_cdf((far - near) / math.sqrt(one + two)) * normal_cdf(shared / aside)
             none *= 1.0 - both * there
     return _answered(1.0 - none, True, numbers[0])
 
@@ -438,7 +434,7 @@ def _pictured(
         project_outline(lens, camera, pieces[k], rotations[k], outlines[k], slopes)
     total = -numbers[1]
     for k in range(count):
-        rates[k] = detection_rate(numbers[0], outlines, k, person)
+        rates[k] = detection_rate(numbers[0], lens, outlines, k, person)
         total -= rates[k] * shares[kinds[1] + kinds[3] - kinds[2], k].sum()
     for d in range(kinds[3] - kinds[2]):
         density = numbers[1] * math.exp(numbers[CLUTTER])
@@ -450,7 +446,7 @@ def _pictured(
                     project_outline(lens, camera, piece, rotations[k], edges, slopes)
                     set_errors(piece, spread, mean, covariance)
                     box = problem.given_rows[kinds[2] + d]
-                    near = measure_box(box, numbers[3], edges, slopes, mean, covariance)
+                    near = measure_box(box, numbers[3], lens, edges, slopes, mean, covariance)
                     density += rates[k] * own[case] * math.exp(near)
         total += math.log(density)
     return float(total)

@@ -13,6 +13,7 @@ from shapely import Point, Polygon
 
 import imapper_prob as im
 from imapper_prob.layouts import placed_objects
+from imapper_prob.models.kernels.measured import measure_box
 from imapper_prob.models.log_posterior import (
     Incremental,
     State,
@@ -64,13 +65,12 @@ def pieces(at: State) -> list[SceneObject]:
 
 
 def edges(piece: SceneObject, at: State) -> np.ndarray:
-    """Box of a piece in the image, px."""
+    """Box of a piece in the image and beyond, px."""
     camera = camera_at(clip().camera, at.camera)
     low, high = piece.bounds
     corners = np.array(list(product(*zip(low, high, strict=True))))
     pixels = camera.project(piece.placement.apply(corners))
-    size = np.array([1920.0, 1080.0])
-    return np.concatenate([np.clip(pixels.min(0), 0, size), np.clip(pixels.max(0), 0, size)])
+    return np.concatenate([pixels.min(0), pixels.max(0)])
 
 
 def measured(piece: SceneObject, at: State, said: im.ObjectAt) -> tuple[np.ndarray, np.ndarray]:
@@ -94,6 +94,24 @@ def measured(piece: SceneObject, at: State, said: im.ObjectAt) -> tuple[np.ndarr
     noise += [said.size_std] * 3 * (said.size is not None)
     noise += [said.box_std] * 4 * (said.box is not None)
     return seen(np.zeros(5)), slopes @ errors @ slopes.T + np.diag(np.square(noise))
+
+
+def cut_off(values: np.ndarray, mean: np.ndarray, covariance: np.ndarray, std: float) -> float:
+    """Density of numbers of which the last is a lower edge that is cut off at 1080 px.
+
+    By quadrature over the true edge. The other edges are measured far from the border, so they are
+    not cut off, and normal.
+    """
+    left, top, right = values[-4:-1]
+    assert min(left, top, 1920 - right) > 8 * std
+    known = covariance[:-1, :-1]
+    gain = np.linalg.solve(known, covariance[:-1, -1])
+    middle = mean[-1] + gain @ (values[:-1] - mean[:-1])
+    spread = math.sqrt(covariance[-1, -1] - std**2 - gain @ covariance[:-1, -1])
+    lower = middle + spread * np.linspace(-9, 9, 40_001)
+    seen = norm.pdf(values[-1], np.minimum(lower, 1080), std) * norm.pdf(lower, middle, spread)
+    others = multivariate_normal.pdf(values[:-1], mean[:-1], known)
+    return float(others * np.trapezoid(seen, lower))
 
 
 def answered(probability: float, doubt: float) -> float:
@@ -160,7 +178,7 @@ def softened(piece: SceneObject, std: float) -> float:
         im.ObjectAt("couch", place=(-0.2, 3.2), place_std=0.3),
         im.ObjectAt(("couch", "chair"), place=(1.0, 4.0), place_std=0.4, doubt=0.05),
         im.ObjectAt("chair", size=(1.5, 0.9, 0.9)),
-        im.ObjectAt("couch", box=BOX, box_std=60.0),
+        im.ObjectAt("couch", box=BOX, box_std=20.0),
         im.ObjectAt(("chair", "couch"), place=(0, 3), size=(1.6, 0.8, 0.9), box=BOX),
     ],
 )
@@ -309,15 +327,19 @@ def test_nothing_is_behind_what_is_not_there() -> None:
 
 @pytest.mark.parametrize("named", [None, {"couch": 0.9, "chair": 0.6}, {"chair": 1.0}])
 def test_what_is_seen_is_a_poisson_process_of_boxes(named: dict[str, float] | None) -> None:
-    near = edges(pieces(state())[0], state()) + 12.0
+    near = np.minimum(edges(pieces(state())[0], state()) + 12.0, (1920, 1080, 1920, 1100))
     known = ({"couch": 0.8, "chair": 0.3}, {"chair": 0.5})
     heard = tuple({k: p for k, p in row.items() if named is None or k in named} for row in known)
-    said = im.Seen(16, (tuple(near), BOX), heard, std=30.0, named=named)
+    said = im.Seen(16, (tuple(near), BOX), heard, std=10.0, named=named)
     camera = camera_at(clip().camera, state().camera)
     joints = motion(problem(0.0), state())[16]
     pixels = camera.project(joints)
     person = (*pixels.min(0), *pixels.max(0), camera.to_camera(joints[PELV])[1])
-    outlines = [(*edges(p, state()), camera.to_camera(p.centre)[1]) for p in pieces(state())]
+    size = (1920, 1080) * 2
+    outlines = [
+        (*np.clip(edges(p, state()), 0, size), camera.to_camera(p.centre)[1])
+        for p in pieces(state())
+    ]
     rates = []
     for k, (u0, v0, u1, v1, depth) in enumerate(outlines):
         free = 0
@@ -325,7 +347,7 @@ def test_what_is_seen_is_a_poisson_process_of_boxes(named: dict[str, float] | No
             u, v = u0 + (a + 0.5) / 4 * (u1 - u0), v0 + (b + 0.5) / 4 * (v1 - v0)
             before = [person, *(o for j, o in enumerate(outlines) if j != k)]
             free += not any(o[0] < u < o[2] and o[1] < v < o[3] and o[4] < depth for o in before)
-        rates.append(-math.log(1 - 0.9 * free / 16))
+        rates.append(-math.log(1 - 0.9 * (free + 0.5) / 17))
     assert min(rates) < max(rates)  # something is in the way
     anywhere = (2 / (1920 * 1080)) ** 2 / 80
     everything = dict.fromkeys(("couch", "chair"), 1.0) if named is None else named
@@ -336,12 +358,12 @@ def test_what_is_seen_is_a_poisson_process_of_boxes(named: dict[str, float] | No
     # The lower edge of the first box is below the picture, where pieces are cut off.
     assert said.boxes[0][3] > 1080
     for whole, confusion in zip(said.boxes, said.confusion, strict=True):
-        box = np.clip(whole, 0, (1920, 1080) * 2)
+        box = np.clip(whole, 0, size)
         density = 0.5 * anywhere
         for piece, rate in zip(pieces(state()), rates, strict=True):
             for own, o in cases(piece, confusion):
-                near = measured(o, state(), im.ObjectAt(o.label, box=box, box_std=30.0))
-                density += rate * own * multivariate_normal.pdf(box, *near)
+                near = measured(o, state(), im.ObjectAt(o.label, box=box, box_std=10.0))
+                density += rate * own * cut_off(box, *near, 10.0)
         expected += math.log(density)
     assert given(said) == pytest.approx(expected, rel=1e-6)
 
@@ -486,10 +508,14 @@ def test_depths_and_points_integrate_to_one() -> None:
 
 
 def test_as_many_boxes_are_seen_as_are_expected() -> None:
-    nothing, density = given(im.Seen(2, (), (), clutter=0.001)), 0.0
-    for piece in pieces(state()):
+    # So far away that no box within three deviations is cut off.
+    far = state()
+    for k, at in enumerate([(-1.4, 9.6, 0.1), (-1.35, 9.7, 0.15), (2.7, 11.6, -0.5)]):
+        far = far.with_placement(k, np.array(at), float(far.sizes[k]))
+    nothing, density = given(im.Seen(2, (), (), clutter=0.001), far), 0.0
+    for piece in pieces(far):
         own = im.ObjectAt(piece.label, box=BOX, box_std=40.0)
-        outline, covariance = measured(piece, state(), own)
+        outline, covariance = measured(piece, far, own)
         root = np.linalg.cholesky(covariance)
         said = im.Seen(2, (BOX,), ({piece.label: 1.0},), std=40.0, clutter=0.001)
         as_in_scenelets = problem(0.0)._replace(label_chance=np.zeros(len(labels_of(LIBRARY))))
@@ -497,9 +523,30 @@ def test_as_many_boxes_are_seen_as_are_expected() -> None:
         # Sums over a grid of a step of one deviation are all but exact; beyond three is .1 %.
         for steps in product(np.arange(-3.0, 4.0), repeat=4):
             box = outline + root @ np.array(steps)
-            seen = terms(told._replace(given_rows=box[None]), state())["given"]
+            seen = terms(told._replace(given_rows=box[None]), far)["given"]
             density += np.linalg.det(root) * math.exp(seen - nothing)
     assert density == pytest.approx(0.999 * (-nothing - 0.001), rel=1e-3)
+
+
+@pytest.mark.parametrize("lower", [500.0, 1000.0, 1070.0, 1080.0, 1150.0, 1400.0])
+def test_an_edge_is_measured_inside_the_picture_or_at_its_border(lower: float) -> None:
+    """Only the lower edge changes with the errors, so the integral is over it alone."""
+    lens = np.array([960.0, 540.0, 1500.0, 1500.0, 1920.0, 1080.0])
+    edges, slopes = np.array([600.0, 300.0, 900.0, lower, 5.0]), np.zeros((4, 5))
+    slopes[3, 1], covariance = -250.0, np.diag([0.1, 0.2, 0.2, 0.2, 0.2]) ** 2
+    at = np.arange(lower - 500.0, lower + 500.0)
+    density = []
+    for said in at:
+        box = np.array([600.0, 300.0, 900.0, said])
+        mean, after = np.zeros(5), covariance.copy()
+        density.append(math.exp(measure_box(box, 10.0, lens, edges, slopes, mean, after)))
+        if said < 1000.0:  # not at the border, wherever the edge was expected
+            assert mean[1] == pytest.approx(-(50**2) / 250 * (said - lower) / (50**2 + 10**2))
+            assert after[1, 1] < 0.003
+        if 1075.0 < said <= 1080.0 and lower > 1100.0:  # anywhere beyond it
+            assert mean[1] == 0.0
+    others = norm.pdf(0.0, scale=10.0) ** 3
+    assert np.sum(density) == pytest.approx(others, rel=1e-6)
 
 
 # ------------------------------------------------------------------------------------------------

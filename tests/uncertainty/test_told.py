@@ -163,6 +163,20 @@ def test_a_box_of_one_of_two_pieces_goes_to_either(rng: np.random.Generator) -> 
     assert 0.5 < share[1] < 0.8
 
 
+def test_a_piece_does_not_stand_between_two_boxes(rng: np.random.Generator) -> None:
+    """The second box is compared with the piece as the first one left it."""
+    piece = PIECES[0]
+    left, right = (
+        box_of(worlds.with_errors(piece, np.array([aside, 0, 0, 0, 0]))) for aside in (-0.3, 0.3)
+    )
+    assert np.abs(left - right).max() > 100.0
+    boxes = (tuple(left.tolist()), tuple(right.tolist()))
+    said = im.Seen(2, boxes, ({"couch": 1.0}, {"couch": 1.0}), std=10.0)
+    for o, _ in told(rng, said)[:200]:
+        away = [np.abs(box_of(o) - box).max() for box in (left, right)]
+        assert min(away) < 50.0
+
+
 def first_is_measured(found: list[tuple[SceneObject, ...]]) -> float:
     """How often the first piece has other sides than in its scenelet, and never both or none."""
     changed = np.array(
