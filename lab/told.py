@@ -2,14 +2,14 @@
 
     python -m lab.told I3DB_FOLDER FOLDER [--steps 26000] [--workers 2]
 
-samples each scene briefly, then conditions the posterior on one true statement at a time: the
-height of the camera; walls; the label of one seat; the place of one object; boxes of furniture as
-from an object detector, alone and with the height of the camera; depths of the pelvis. It prints a
-table of scores over all scenes before and after, and one for each scene, stores results in FOLDER,
-and continues from there. It takes some five minutes a scene. Two more tables show what limits the
-scores: the error of joints whose pelvis has its true depth in some frames, and the overlap of
-furniture that differs from the true furniture in place and size alone. Figures are written to
-`lab/results.json`.
+samples each scene briefly, then conditions the posterior on one true statement at a time, with
+continued chains as long as the first ones: the height of the camera; walls; the label of one seat;
+the place of one object; boxes of furniture as from an object detector, alone and with the height of
+the camera; depths of the pelvis. It prints a table of scores over all scenes before and after, and
+one for each scene, stores results in FOLDER, and continues from there. It takes some ten minutes a
+scene. Two more tables show what limits the scores: the error of joints whose pelvis has its true
+depth in some frames, and the overlap of furniture that differs from the true furniture in place and
+size alone. Figures are written to `lab/results.json`.
 
 The statements come from the ground truth, with simulated errors of boxes (10 px, one object in ten
 missed) and depths (5 %). Constants are estimated without the scene.
@@ -151,11 +151,11 @@ def measured(folder: Path, steps: int, workers: int) -> dict[str, Any]:
     rows["nothing"]["with true depth"] = with_true_depth(before, seen)
     for name, statements in told.items():
         begun = time.perf_counter()
-        after = before.given(statements, workers=workers)
+        after = before.given(statements, steps=steps, workers=workers)
         rows[name] = row(after, seen, time.perf_counter() - begun)
         if name == "boxes":
             begun = time.perf_counter()
-            both = after.given(told["camera height"], workers=workers)
+            both = after.given(told["camera height"], steps=steps, workers=workers)
             rows["boxes, then height"] = row(both, seen, time.perf_counter() - begun)
         sys.stderr.write(f"{folder.name} {name}: {rows[name]['evidence']}\n")
     return rows
