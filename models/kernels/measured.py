@@ -179,8 +179,8 @@ def _measure_edge(
     top = max(inside_nats, below_nats, above_nats)
     if inside_nats == top:
         _condition(mean, covariance, gain, off, total)
-    total = math.exp(inside_nats - top) + math.exp(below_nats - top) + math.exp(above_nats - top)
-    return top + math.log(total)
+    share = math.exp(inside_nats - top) + math.exp(below_nats - top) + math.exp(above_nats - top)
+    return top + math.log(share)
 
 
 @compiled

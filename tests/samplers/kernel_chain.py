@@ -53,32 +53,13 @@ class KernelChain(Generic[S]):
         return self._target(state)
 
     def move(self, state: S) -> None:
-        """Set the state of the chain.
-
-        Parameters
-        ----------
-        state : S
-        """
+        """Set the state of the chain."""
         self._state = state
 
     def advance(
         self, rng: np.random.Generator, rung: Rung, steps: int
     ) -> tuple[ChainState[S], tuple[StepInfo, ...]]:
-        """Make steps with the kernel.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-        rung : Rung
-        steps : int
-
-        Returns
-        -------
-        ChainState
-            The chain afterwards.
-        tuple of StepInfo
-            Record of each step.
-        """
+        """Make steps with the kernel; the chain afterwards, and a record of each step."""
         density, infos = TemperedDensity(self._target, rung), []
         at = ChainState(self._state, density(self._state))
         for _ in range(steps):
