@@ -23,12 +23,13 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from shapely import Polygon, unary_union
+from shapely import MultiPoint, Polygon, box, unary_union
 
 import imapper_prob as im
 from imapper_prob.clips.i3db import read_i3db_truth
@@ -46,7 +47,7 @@ from lab.stored import SHORT_STEPS, digest, with_steps
 Array = NDArray[np.float64]
 _NAMES: Final = (
     "nothing", "camera height", "walls", "a label", "a place", "boxes", "boxes, then height",
-    "depths",
+    "boxes as seen", "depths",
 )  # fmt: skip
 _MISSED, _PIXELS, _DEPTH_ERROR, _FRAMES = 0.1, 10.0, 0.05, 10
 _REPEATS: Final = 100
@@ -69,13 +70,17 @@ def statements_of(
     known = [o for o in truth.objects if o.label in labels]
     ours = [o for o in known if o.label in used]
     seats = [o for o in ours if o.label in SEATS] or ours
+    found = detected(clip, truth, known, rng)
+    measured_depths = depths(clip, truth, rng)
+    seen = [one for one in found if rng.uniform() >= share_hidden(clip, truth, one[0])]
     return {
         "camera height": [im.Measured("height", truth.camera.elevation, 0.02)],
         "walls": [walls(truth)],
         "a label": [im.Presence(seats[0].label, region=about(seats[0]))],
         "a place": [im.ObjectAt(ours[-1].label, place=tuple(ours[-1].centre[:2]), place_std=0.05)],
-        "boxes": [boxes(clip, truth, known, rng)],
-        "depths": [depths(clip, truth, rng)],
+        "boxes": [boxes(clip, found)],
+        "boxes as seen": [boxes(clip, seen)],
+        "depths": [measured_depths],
     }
 
 
@@ -95,30 +100,67 @@ def about(o: SceneObject, radius: float = 0.8) -> tuple[tuple[float, float], ...
     return tuple((float(x), float(y)) for x, y in circle)
 
 
-def boxes(
+def detected(
     clip: Clip, truth: Truth, objects: Sequence[SceneObject], rng: np.random.Generator
-) -> im.Seen:
-    """Noisy projected bounding boxes of the objects in the image, with some missed."""
-    found, named = [], []
+) -> list[tuple[SceneObject, tuple[float, ...]]]:
+    """Objects and noisy projected bounding boxes of them in the image, with some missed."""
+    found = []
     size = np.array([clip.camera.width, clip.camera.height])
     for o in objects:
-        low, high = o.bounds
-        corners = [
-            [a, b, c]
-            for a in (low[0], high[0])
-            for b in (low[1], high[1])
-            for c in (low[2], high[2])
-        ]
-        pixels = truth.camera.project(o.placement.apply(np.array(corners)))
+        pixels = truth.camera.project(o.placement.apply(_corners(*o.bounds)))
         if not np.isfinite(pixels).all() or rng.uniform() < _MISSED:
             continue
         near, far = np.clip(pixels.min(0), 0, size), np.clip(pixels.max(0), 0, size)
         if (far - near > 4 * _PIXELS).all():
             edges = np.concatenate([near, far]) + _PIXELS * rng.standard_normal(4)
-            found.append(tuple(edges.tolist()))
-            named.append({o.label: 1.0})
-    middle = int(clip.frame_ids[clip.n_frames // 2])
-    return im.Seen(middle, tuple(found), tuple(named), std=_PIXELS)
+            found.append((o, tuple(edges.tolist())))
+    return found
+
+
+def boxes(clip: Clip, found: Sequence[tuple[SceneObject, tuple[float, ...]]]) -> im.Seen:
+    """The statement of a detector that found these objects in the middle frame."""
+    named = tuple({o.label: 1.0} for o, _ in found)
+    return im.Seen(_middle(clip), tuple(edges for _, edges in found), named, std=_PIXELS)
+
+
+def share_hidden(clip: Clip, truth: Truth, own: SceneObject) -> float:
+    """Share of an object's outline that the person and other true furniture hide.
+
+    An outline is that of the boxes of all parts; what has the nearer middle hides.
+    """
+    frame = int(np.flatnonzero(clip.frame_ids == _middle(clip))[0])
+    picture = box(0, 0, clip.camera.width, clip.camera.height)
+    joints = truth.joints[frame]
+    known = joints[np.isfinite(joints).all(1)]
+    outlines, depths = [_outline(truth, known)], [truth.camera.to_camera(joints[PELV])[1]]
+    for o in truth.objects:
+        parts = [
+            _outline(truth, o.placement.apply(_corners(c.centre - half, c.centre + half)))
+            for c, half in ((c, c.size / 2) for c in o.cuboids)
+        ]
+        outlines.append(unary_union(parts))
+        depths.append(truth.camera.to_camera(o.centre)[1])
+    k = 1 + truth.objects.index(own)
+    outline = outlines[k].intersection(picture)
+    before = unary_union([a for a, d in zip(outlines, depths, strict=True) if d < depths[k]])
+    return float(outline.intersection(before).area / outline.area) if outline.area else 1.0
+
+
+def _outline(truth: Truth, points: Array) -> Polygon:
+    """Convex outline of points in the image."""
+    pixels = truth.camera.project(points)
+    seen = pixels[np.isfinite(pixels).all(1)]
+    return MultiPoint(seen).convex_hull if len(seen) else Polygon()
+
+
+def _corners(low: Array, high: Array) -> Array:
+    """(8, 3) corners of a box."""
+    return np.array(list(product(*np.stack([low, high], -1))))
+
+
+def _middle(clip: Clip) -> int:
+    """Number of the middle frame."""
+    return int(clip.frame_ids[clip.n_frames // 2])
 
 
 def depths(clip: Clip, truth: Truth, rng: np.random.Generator) -> im.DepthOf:
