@@ -91,6 +91,7 @@ def others(base: Path, clip: Path, library: Path, out: Path) -> list[list[str | 
     ]
 
 
+@pytest.mark.slow
 def test_names_of_others_pass_through_every_output(hostile_run: tuple[Path, str, str]) -> None:
     out, printed, said = hostile_run
     assert "\x1b" not in printed + said

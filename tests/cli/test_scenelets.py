@@ -75,6 +75,7 @@ def test_info_counts_by_action_and_category(
         assert word in text
 
 
+@pytest.mark.slow
 def test_plot_writes_three_pictures(library: Path, tmp_path: Path) -> None:
     folder = tmp_path / "figures"
     assert main(["scenelets", "plot", "--library", str(library), "-o", str(folder)]) == 0

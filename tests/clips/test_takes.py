@@ -75,6 +75,7 @@ def test_no_take_is_no_clip() -> None:
         im.solve([])
 
 
+@pytest.mark.slow
 def test_takes_are_sampled_as_one_scene(tmp_path: Path) -> None:
     """Of a library that holds little else than what is done there."""
     library = im.Library(

@@ -185,6 +185,7 @@ def test_faults_are_named(folder: Path, tmp_path: Path, capsys: pytest.CaptureFi
         assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_runs_of_one_name_are_told_apart(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

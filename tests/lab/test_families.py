@@ -73,6 +73,7 @@ def test_the_name_says_which(name: str, family: str | None) -> None:
 
 
 @pytest.mark.parametrize("family", sorted(OTHER_WAYS))
+@pytest.mark.slow
 def test_a_family_can_be_left_out_or_taken_alone(family: str) -> None:
     library = built_in_library()
     own, others = only_family(library, family), without_family(library, family)

@@ -111,6 +111,7 @@ def test_measures_are_those_counted_by_hand(checkout: Path) -> None:
     }
 
 
+@pytest.mark.slow
 def test_checkouts_are_beside_one_another(
     checkout: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

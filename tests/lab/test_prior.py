@@ -284,6 +284,7 @@ def test_scenes_are_refused_for_what_they_cost() -> None:
     assert min(costs) == 0.0
 
 
+@pytest.mark.slow
 def test_draws_with_and_without_a_scenelet_have_the_density_of_the_posterior() -> None:
     """The mean of p(none) q(scenelet) / p(scenelet), q any density, is the share of none."""
     problem = bare_prior()

@@ -30,6 +30,7 @@ def experiment() -> Experiment:
     return short_clip(built_in_library(), every=4)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_ranks() -> None:
     short = replace(SETTINGS, steps=300)
     one, other = (rank_scene(experiment(), 3, short) for _ in range(2))

@@ -158,6 +158,7 @@ def test_play_goes_on_and_stops(page: Path, chromium: Browser) -> None:
     assert chromium.value("document.getElementById('time').value") == stopped
 
 
+@pytest.mark.slow
 def test_play_keeps_up_with_quick_films(tmp_path: Path, chromium: Browser) -> None:
     run = posterior()
     quick = replace(run, solution=replace(run.solution, clip=replace(run.clip, fps=120.0)))

@@ -83,6 +83,7 @@ def test_a_worker_that_is_killed_is_made_good(client, tmp_path):
         assert kept.same(one, other)
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_always_killed_is_given_up(client, tmp_path):
     executor = client.get_executor()
     with pytest.raises(

@@ -73,6 +73,7 @@ def test_crossovers_leave_the_posterior_alone():
 
 
 @pytest.mark.parametrize("wrong", [greedy, copied])
+@pytest.mark.slow
 def test_the_same_test_fails_a_wrong_crossover(wrong):
     assert chi_square(visited(wrong), EXACT) < FAIL
 

@@ -39,6 +39,7 @@ def test_visits_every_layout_as_often_as_it_should():
         pytest.param(mixture(kind=ForgetfulMixture), id="choice probability dropped"),
     ],
 )
+@pytest.mark.slow
 def test_the_same_test_fails_a_wrong_sampler(wrong):
     assert p_value(visits(wrong, seed=1)) < FAIL
 

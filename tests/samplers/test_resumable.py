@@ -60,6 +60,7 @@ def check_kills(folder: Path, *, rounds: int, kills: int, longest: float) -> Non
     assert_same(found, expected)
 
 
+@pytest.mark.slow
 def test_killed_at_random_moments_it_ends_the_same(tmp_path):
     check_kills(tmp_path, rounds=kept.ROUNDS, kills=3, longest=0.15)
 

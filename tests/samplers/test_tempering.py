@@ -46,6 +46,7 @@ def cells(*, seed: int, rounds: int = 3_000) -> np.ndarray:
     return np.array([islands.cell(item.state.chains[-1].state) for item in islice(chain, rounds)])
 
 
+@pytest.mark.slow
 def test_finds_all_islands_in_their_proportions():
     assert chi_square(cells(seed=1), EXACT) > PASS
 
@@ -279,12 +280,14 @@ def without_tilts(parts, rungs):
     return [[part.at(Rung(rung.beta)) for rung in rungs] for part in parts]
 
 
+@pytest.mark.slow
 def test_the_same_test_fails_swaps_without_tilts(monkeypatch):
     monkeypatch.setattr(tempering, "_log_densities", without_tilts)
     sizes, last = sizes_of(polynomial_ladder()._replace(tilts=TILTS), rounds=6_000)
     assert least_probable(sizes, last.rungs) < FAIL
 
 
+@pytest.mark.slow
 def test_tilts_adapt_until_every_rung_has_its_mean_size():
     n = 20_000
     _, last = sizes_of(polynomial_ladder(), rounds=n, adapt=True, adapt_tilts=True)

@@ -87,6 +87,7 @@ def test_draws_of_another_distribution_do_not_agree(problem, drawn):
     assert found.change[QUANTITIES.index("elevation")] < 0
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_draws_in_any_number_of_processes(problem, drawn):
     few = ([s for n in range(CHAINS) for s in drawn[0][n * DRAWS :][:60]], drawn[1][:, :60])
     one, two = (walked(problem, few, steps=4, workers=workers) for workers in (1, 2))

@@ -161,6 +161,7 @@ def test_the_density_is_that_of_the_draws(films: int) -> None:
 @pytest.mark.parametrize(
     "error", ["constant", "reprojected", "regression", "camera", "start", "ends"]
 )
+@pytest.mark.slow
 def test_wrong_densities_are_seen(error: str) -> None:
     """What is as wrong again is, on average over draws, not as dense as it should be."""
     right = known()

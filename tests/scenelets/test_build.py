@@ -239,6 +239,7 @@ def test_a_built_library_survives_its_file(tmp_path: Path) -> None:
     assert load_library(tmp_path / "some.npz").digest == library.digest
 
 
+@pytest.mark.slow
 def test_ten_minutes_take_seconds() -> None:
     minutes, rate = 10, 10
     angle = np.arange(minutes * 60 * rate) / rate / 3.0  # 1 m/s on a circle of 3 m

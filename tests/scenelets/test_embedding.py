@@ -65,6 +65,7 @@ def test_order_does_not_matter(rng: np.random.Generator) -> None:
     )
 
 
+@pytest.mark.slow
 def test_what_people_do_is_told_apart() -> None:
     library = built_in_library()
     points = embed(motion_distances(library))

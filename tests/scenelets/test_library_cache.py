@@ -36,6 +36,7 @@ def only(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_the_built_in_library_is_what_its_sources_make() -> None:
     assert built_in_library().digest == build_library(0).digest
     assert built_in_library().name == build_library(0).name

@@ -300,6 +300,7 @@ def test_a_camera_under_the_floor_is_an_error() -> None:
 
 @pytest.mark.corpus
 @pytest.mark.skipif(not CORPUS.is_dir(), reason="i3DB scenes are not beside the repository")
+@pytest.mark.slow
 def test_covers_the_cameras_of_the_benchmark() -> None:
     from imapper_prob.clips.i3db import read_i3db, read_i3db_truth
 

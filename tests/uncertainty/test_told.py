@@ -23,7 +23,7 @@ from imapper_prob.uncertainty.told import as_told, label_shares
 from tests.models import worlds
 
 SETTINGS = ModelSettings(likelihood=0.0)
-DRAWS = 4000
+DRAWS = 1000
 PIECES = (worlds.couch(-0.7, 6.0, 0.7), worlds.couch(1.2, 7.0, -0.4, label="chair"))
 """Far enough to be in the picture as a whole."""
 CERTAIN = np.zeros(2)

@@ -36,6 +36,7 @@ def recovered() -> dict[str, tuple[Number, Number]]:
 
 
 @pytest.mark.parametrize("state", ["seen", "hidden"])
+@pytest.mark.slow
 def test_confidences(state: str) -> None:
     known, found = (np.asarray(v) for v in recovered()[f"detections.{state}_confidence"])
     # Five standard errors of a binomial share.

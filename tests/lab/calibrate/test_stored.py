@@ -84,6 +84,7 @@ def test_the_documentation_holds_the_same_table() -> None:
 
 @pytest.mark.corpus
 @corpus
+@pytest.mark.slow
 def test_the_scenes_give_what_is_stored() -> None:
     evidence = [look(*scene) for scene in scenes()]
     for name, value in estimate(FROM_TRUTH, evidence).items():
