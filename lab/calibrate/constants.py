@@ -548,8 +548,8 @@ KEPT: Final[Mapping[str, tuple[float, str]]] = {
     ),
     "walk.bone": (
         0.06,
-        "of 24 simulated clips the path's poses are nearest to the truth with it: half and twice "
-        "as large they are off by .65 and .35 cm more, with errors of .17 and .12 "
+        "of 24 simulated clips the path's poses are nearest to the truth with it: half as large "
+        "they are off by .99 cm more, twice as large by .04, with errors of .19 and .14 "
         "(`lab.ablation --simulated`); errors that frames share weigh down detections but not "
         "steps",
     ),
