@@ -29,7 +29,7 @@ def test_damaged_inputs_are_read_or_refused(name: str, inputs: int) -> None:
     outcomes = attack(READERS[name], inputs=inputs)
     assert [fault for row in outcomes.values() for fault in row.faults] == []
     refused = sum(row.counts["refused"] for row in outcomes.values())
-    assert refused > inputs  # the damage was real
+    assert refused >= inputs  # the damage was real
 
 
 JSON = st.recursive(

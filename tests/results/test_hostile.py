@@ -23,7 +23,7 @@ from lab.robustness.attack import attack
 from lab.robustness.runs import RUN_READERS
 from tests.runs import posterior, small_posterior
 
-INPUTS = 1, pytest.param(3, marks=pytest.mark.slow)
+INPUTS = 2, pytest.param(3, marks=pytest.mark.slow)
 """Of each kind; ``python -m lab.robustness`` tries more."""
 _LONG = ("posterior.nc", "posterior.nc, reported", "checkpoint")
 
