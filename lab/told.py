@@ -126,7 +126,8 @@ def boxes(clip: Clip, found: Sequence[tuple[SceneObject, tuple[float, ...]]]) ->
 def share_hidden(clip: Clip, truth: Truth, own: SceneObject) -> float:
     """Share of an object's outline that the person and other true furniture hide.
 
-    An outline is that of the boxes of all parts; what has the nearer middle hides.
+    An outline is that of the boxes of all parts, or of the person's joints; what has the nearer
+    middle hides.
     """
     frame = int(np.flatnonzero(clip.frame_ids == _middle(clip))[0])
     picture = box(0, 0, clip.camera.width, clip.camera.height)

@@ -9,9 +9,8 @@ probable values, and labels get their probabilities.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -191,24 +190,21 @@ class _Pieces:
             if self._cases[k] in (_UNDECIDED, case)
         ]
 
-    def _condition(
-        self, k: int, case: int, measure: Callable[[Array, Array, Array, Array], float]
-    ) -> None:
-        """Fix what a piece is, and condition its errors.
+    def _condition(self, k: int, case: int, measured: Array, lens: Array) -> None:
+        """Fix what a piece is, and condition its errors on the numbers of `measure_object`.
 
-        ``measure`` conditions the errors about a box. It is linear in them, and is applied again
-        about the box with the mean errors (Gauss-Newton).
+        These are linear in the errors to first order only, so the errors are found again about the
+        piece that has the mean ones (Gauss-Newton).
         """
         before, spread = self._so_far(k, case)
-        about = np.zeros(ERRORS)
+        about, turn = np.zeros(ERRORS), self._turns[k]
         for _ in range(_PASSES):
             piece, mean, covariance = self._boxes[k, case].copy(), before - about, spread.copy()
-            turn = self._turns[k]
             piece[0] += turn[0] * about[0] - turn[1] * about[1]
             piece[1] += turn[1] * about[0] + turn[0] * about[1]
             piece[3:6] *= np.exp(about[2:])
             piece[2] *= math.exp(about[4])
-            measure(piece, turn, mean, covariance)
+            measure_object(measured, lens, self._camera, piece, turn, mean, covariance)
             about = about + mean
         self._cases[k], self._errors[k] = case, (about, covariance)
 
@@ -222,20 +218,21 @@ class _Pieces:
         """
         lens = np.concatenate([self._lens, numbers[PICTURE_OF_OBJECT:][:2]])
 
-        def agreement(piece: Array, turn: Array, mean: Array, covariance: Array) -> float:
-            return measure_object(numbers[SAID:], lens, self._camera, piece, turn, mean, covariance)
+        def agreement(k: int, case: int) -> float:
+            box, turn = self._boxes[k, case], self._turns[k]
+            so_far = self._so_far(k, case)
+            return measure_object(numbers[SAID:], lens, self._camera, box, turn, *so_far)
 
         ours = self._possible(shares)
         right = probability_right(said.doubt, shares)
         logs = [
-            math.log(right * shares[k, case] / shares.sum())
-            + agreement(self._boxes[k, case], self._turns[k], *self._so_far(k, case))
+            math.log(right * shares[k, case] / shares.sum()) + agreement(k, case)
             for k, case in ours
         ]
         which = _one_of(rng, [*logs, math.log(said.doubt) + numbers[WRONG]])
         if which < len(ours):
             k, case = ours[which]
-            self._condition(k, case, agreement)
+            self._condition(k, case, numbers[SAID:], lens)
             self._placed[k] |= said.place is not None
             self._sized[k] |= said.size is not None or said.box is not None
 
@@ -275,22 +272,9 @@ class _Pieces:
             which = _one_of(rng, [*logs, math.log(said.clutter) + numbers[CLUTTER]])
             if which < len(ours):
                 k, case = ours[which]
-                self._condition(k, case, partial(self._measure_in_picture, box, said.std, lens))
+                measured = np.array([*np.zeros(7), *box, said.std])  # neither place nor size
+                self._condition(k, case, measured, lens)
                 self._sized[k] = True
-
-    def _measure_in_picture(
-        self,
-        box: Array,
-        std: float,
-        lens: Array,
-        piece: Array,
-        turn: Array,
-        mean: Array,
-        covariance: Array,
-    ) -> float:
-        edges, slopes = np.empty(5), np.empty((4, ERRORS))
-        project_outline(lens, self._camera, piece, turn, edges, slopes)
-        return measure_box(box, std, lens, edges, slopes, mean, covariance)
 
     def standing(
         self,
@@ -312,7 +296,7 @@ class _Pieces:
 
 
 _PASSES: Final = 3
-"""Gauss-Newton steps; a box 1.5 times as large as its piece leaves less than a pixel after them."""
+"""Gauss-Newton steps; a test compares their result with least squares until convergence."""
 _UNDECIDED: Final = -1
 """Case of a piece that nothing measured."""
 

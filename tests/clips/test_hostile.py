@@ -19,17 +19,16 @@ from lab.robustness.attack import attack
 from lab.robustness.inputs import READERS
 from tests.clips import bodies
 
-INPUTS = 2, pytest.param(6, marks=pytest.mark.slow)
+INPUTS = 6
 """Of each kind; ``python -m lab.robustness`` tries more."""
 
 
-@pytest.mark.parametrize("inputs", INPUTS)
 @pytest.mark.parametrize("name", READERS)
-def test_damaged_inputs_are_read_or_refused(name: str, inputs: int) -> None:
-    outcomes = attack(READERS[name], inputs=inputs)
+def test_damaged_inputs_are_read_or_refused(name: str) -> None:
+    outcomes = attack(READERS[name], inputs=INPUTS)
     assert [fault for row in outcomes.values() for fault in row.faults] == []
     refused = sum(row.counts["refused"] for row in outcomes.values())
-    assert refused >= inputs  # the damage was real
+    assert refused > INPUTS  # the damage was real
 
 
 JSON = st.recursive(

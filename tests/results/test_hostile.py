@@ -23,17 +23,16 @@ from lab.robustness.attack import attack
 from lab.robustness.runs import RUN_READERS
 from tests.runs import posterior, small_posterior
 
-INPUTS = 2, pytest.param(3, marks=pytest.mark.slow)
+INPUTS = 3
 """Of each kind; ``python -m lab.robustness`` tries more."""
 _LONG = ("posterior.nc", "posterior.nc, reported", "checkpoint")
 
 
-@pytest.mark.parametrize("inputs", INPUTS)
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in _LONG)) for n in RUN_READERS]
 )
-def test_damaged_files_of_a_run_are_read_or_refused(name: str, inputs: int) -> None:
-    outcomes = attack(RUN_READERS[name], inputs=inputs)
+def test_damaged_files_of_a_run_are_read_or_refused(name: str) -> None:
+    outcomes = attack(RUN_READERS[name], inputs=INPUTS)
     assert [fault for row in outcomes.values() for fault in row.faults] == []
     refused = sum(row.counts["refused"] for row in outcomes.values())
     assert refused > 0  # the damage was real
