@@ -164,7 +164,7 @@ class Problem(NamedTuple):
         See the settings.
     paper_nats : (5,) float
         Nats per unit of each term of the published energy; 0 for the default log-posterior.
-    furniture_aside : float
+    furniture_aside, furniture_yaw : float
         See the settings.
     given_kinds : (G, 7) int
         For each statement: its kind, its row of ``given_labels``, its first row of ``given_rows``
@@ -239,6 +239,7 @@ class Problem(NamedTuple):
     likelihood: float
     paper_nats: Array
     furniture_aside: float
+    furniture_yaw: float
     given_kinds: Ints
     given: Array
     given_labels: Array
@@ -564,6 +565,7 @@ def _constants(settings: ModelSettings, fps: float) -> dict[str, Any]:
         "motion_cost": settings.motion_cost,
         "furniture_spread": settings.furniture_ahead,
         "furniture_aside": settings.furniture_aside,
+        "furniture_yaw": settings.furniture_yaw,
         "merge_angle": settings.merge_angle,
         "likelihood": settings.likelihood,
         "paper_nats": nats,

@@ -195,6 +195,8 @@ class ModelSettings:
     furniture_ahead : float
         Metres; the same to front and back, and the distance furniture may move out of a person's
         path.
+    furniture_yaw : float
+        Radians; standard deviation of the yaw of measured furniture about that in the scenelet.
     seat_confusion : float
         Probability that the label of a seat is independent of the scenelet: it then has the shares
         of the library's seats. Motion hardly distinguishes kinds of seats.
@@ -250,6 +252,7 @@ class ModelSettings:
     smoothness_cost: float = from_data("frames.correlation_time", _share)
     furniture_aside: float = from_data("furniture.aside")
     furniture_ahead: float = from_data("furniture.ahead")
+    furniture_yaw: float = from_data("furniture.yaw")
     seat_confusion: float = from_data("seats.confusion")
     collision_cost: float = 100.0
     motion_cost: float = 50.0
@@ -268,7 +271,7 @@ class ModelSettings:
             "walk_bearing", "walk_log_depth", "correlation_time_bearing", "correlation_time_depth",
             "start_bearing", "start_log_depth", "start_depth", "scenelet_rate", "size_spread",
             "facing_spread", "joint_step", "paper_nats", "furniture_aside", "furniture_ahead",
-            "support_angle", "support_slope", "support_time", "merge_angle",
+            "furniture_yaw", "support_angle", "support_slope", "support_time", "merge_angle",
         ):  # fmt: skip
             if not getattr(self, name) > 0:
                 raise InputError(f"model setting {name} = {getattr(self, name)} must be positive")

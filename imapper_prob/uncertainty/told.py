@@ -15,6 +15,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from imapper_prob.models.camera import Camera
 from imapper_prob.models.furniture_statements import ObjectAt, Seen
@@ -164,10 +165,13 @@ class _Pieces:
             resize(own[k], problem.label_sides[case], self._boxes[k, 1 + case])
         self._turns = np.column_stack([np.cos(yaws), np.sin(yaws)])
         self._lens = np.array([problem.cx, problem.cy, problem.fx, problem.fy])
-        self._spread = np.array([problem.furniture_aside, problem.furniture_spread])
+        self._spread = np.array(
+            [problem.furniture_aside, problem.furniture_spread, problem.furniture_yaw]
+        )
         self._camera = state.camera
         self._cases = np.full(len(placed), _UNDECIDED)
         self._errors = [self._prior(k, 0) for k in range(len(placed))]
+        self._measured: list[list[tuple[Array, Array]]] = [[] for _ in placed]
         self._placed, self._sized = np.zeros((2, len(placed)), np.bool_)
 
     def _prior(self, k: int, case: int) -> tuple[Array, Array]:
@@ -197,16 +201,70 @@ class _Pieces:
         piece that has the mean ones (Gauss-Newton).
         """
         before, spread = self._so_far(k, case)
-        about, turn = np.zeros(ERRORS), self._turns[k]
+        about = np.zeros(ERRORS)
         for _ in range(_PASSES):
-            piece, mean, covariance = self._boxes[k, case].copy(), before - about, spread.copy()
-            piece[0] += turn[0] * about[0] - turn[1] * about[1]
-            piece[1] += turn[1] * about[0] + turn[0] * about[1]
-            piece[3:6] *= np.exp(about[2:])
-            piece[2] *= math.exp(about[4])
+            mean, covariance = before - about, spread.copy()
+            piece, turn = self._piece(k, case, about)
             measure_object(measured, lens, self._camera, piece, turn, mean, covariance)
             about = about + mean
         self._cases[k], self._errors[k] = case, (about, covariance)
+        self._measured[k].append((measured, lens))
+
+    def _piece(self, k: int, case: int, errors: Array) -> tuple[Array, Array]:
+        """Box of a piece with errors, and cosine and sine of its yaw."""
+        piece = self._boxes[k, case].copy()
+        piece[6] += errors[5]
+        cosine, sine = math.cos(piece[6]), math.sin(piece[6])
+        piece[0] += cosine * errors[0] - sine * errors[1]
+        piece[1] += sine * errors[0] + cosine * errors[1]
+        piece[3:6] *= np.exp(errors[2:5])
+        piece[2] *= math.exp(errors[4])
+        return piece, np.array([cosine, sine])
+
+    def _draw(self, rng: np.random.Generator, k: int) -> Array:
+        """Errors of a piece given all that was measured of it.
+
+        They are one of several, in proportion to importance (Rubin 1987): of yaws from the prior,
+        in which the outline is far from linear, with other errors from the normal approximation
+        given the yaw.
+        """
+        case = int(self._cases[k])
+        mean, covariance = self._prior(k, case)
+        deviations = np.sqrt(np.diag(covariance))
+        covariance[5], tries, logs = 0.0, np.empty((_TRIES, ERRORS)), np.empty(_TRIES)
+        tries[:, 5] = deviations[5] * ndtri((np.arange(_TRIES) + rng.random(_TRIES)) / _TRIES)
+        normal = rng.standard_normal((_TRIES, 5))
+        nothing, sure = np.zeros(ERRORS), np.zeros((ERRORS, ERRORS))
+        for i, own in enumerate(tries):
+            middle, spread = self._given_yaw(k, case, np.append(mean[:5], own[5]), covariance)
+            root = np.linalg.cholesky(spread[:5, :5])
+            own[:5] = middle[:5] + root @ normal[i]
+            logs[i] = self._log_measured(k, case, own, nothing, sure)
+            logs[i] += np.log(np.diag(root)).sum()
+        logs += 0.5 * (normal**2 - (tries[:, :5] / deviations[:5]) ** 2).sum(1)
+        return np.asarray(tries[_one_of(rng, logs.tolist())])
+
+    def _given_yaw(self, k: int, case: int, before: Array, spread: Array) -> tuple[Array, Array]:
+        """Mean and covariance of the errors given all that was measured, as in `_condition`.
+
+        ``before`` and ``spread`` are those without the measurements; the yaw has no spread.
+        """
+        about, covariance = before, spread
+        for _ in range(_PASSES):
+            mean, covariance = before - about, spread.copy()
+            self._log_measured(k, case, about, mean, covariance)
+            about = about + mean
+        return about, covariance
+
+    def _log_measured(
+        self, k: int, case: int, about: Array, mean: Array, covariance: Array
+    ) -> float:
+        """Log density of what was measured; conditions errors, less those of ``about``, on it."""
+        piece, turn = self._piece(k, case, about)
+        return sum(
+            measure_object(measured, lens, self._camera, piece, turn, mean, covariance)
+            for measured, lens in self._measured[k]
+        )
 
     def measure(
         self, rng: np.random.Generator, said: ObjectAt, numbers: Array, shares: Array
@@ -286,27 +344,34 @@ class _Pieces:
         """The objects with errors drawn given all statements."""
         result = list(drawn)
         for k in np.flatnonzero(self._placed | self._sized).tolist():
-            errors = rng.multivariate_normal(*self._errors[k], method="cholesky")
-            case = self._cases[k]
+            case, sized = self._cases[k], self._sized[k]
+            # A place alone is linear in the errors, so the normal distribution is exact.
+            errors = self._draw(rng, k) if sized else rng.multivariate_normal(*self._errors[k])
             sides = self._boxes[k, case, 3:6] / self._boxes[k, 0, 3:6]
-            factor = sides * np.exp(errors[2:]) if self._sized[k] else np.ones(3)
+            factor = sides * np.exp(errors[2:5]) if sized else np.ones(3)
             label = placed[k].label if case == 0 else names[case - 1]
-            result[k] = _with_errors(placed[k], label, errors[:2], factor)
+            turn = float(errors[5]) if sized else 0.0
+            result[k] = _with_errors(placed[k], label, errors[:2], factor, turn)
         return tuple(result)
 
 
 _PASSES: Final = 3
 """Gauss-Newton steps; a test compares their result with least squares until convergence."""
+_TRIES: Final = 24
+"""Draws of which one is kept; their yaws are in steps of some .04 rad about the middle."""
 _UNDECIDED: Final = -1
 """Case of a piece that nothing measured."""
 
 
-def _with_errors(o: SceneObject, label: str, away: Array, factor: Array) -> SceneObject:
-    """The object with a label, displaced along its own axes (m), and its sides times factors."""
-    x, y = o.placement.rotation @ away
-    place = replace(o.placement, x=o.placement.x + float(x), y=o.placement.y + float(y))
+def _with_errors(
+    o: SceneObject, label: str, away: Array, factor: Array, turn: float
+) -> SceneObject:
+    """The object with a label, turned, displaced along its axes (m), its sides times factors."""
     # About its middle on the floor.
     middle = o.bounds.mean(0) * (1, 1, 0)
+    turned = replace(o.placement, yaw=o.placement.yaw + turn)
+    x, y = o.placement.apply(middle)[:2] + turned.rotation @ away - turned.apply(middle)[:2]
+    place = replace(turned, x=turned.x + float(x), y=turned.y + float(y))
     cuboids = tuple(
         Cuboid(c.part, middle + factor * (c.centre - middle), factor * c.size) for c in o.cuboids
     )

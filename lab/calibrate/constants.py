@@ -479,6 +479,10 @@ FROM_PATH: Final = (
         "the same across their width", _furniture(1),
     ),
     Estimator(
+        "furniture.yaw", "rad", "furniture turned from where its scenelet says",
+        "the same of the angle between both bounding boxes, modulo a quarter turn", _furniture(2),
+    ),
+    Estimator(
         "seats.confusion", "1", "probability that motion says nothing of which kind of seat it is",
         "posterior mean, uniform before, given how often the scenelets nearest to the true motion "
         "have the label of the seat that the person is on; each seat counts once", _seat_confusion,

@@ -210,8 +210,8 @@ class Nearest:
         For true joints of a person who stays in place: clearance of their lines of sight from the
         scenelet's furniture, metres, and whether the corresponding true pieces hide them. Joints
         hidden by other pieces are left out.
-    furniture : (k, 2) float
-        Errors of the places that they give to true furniture
+    furniture : (k, 3) float
+        Errors of the places and yaws that they give to true furniture
         (:func:`lab.calibrate.observations.furniture_errors`).
     seats : (s, 2) float
         How often the nearest one's seat has the label of the true seat

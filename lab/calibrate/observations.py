@@ -8,7 +8,7 @@ of the motion predicts: its place relative to the person, and the joints it hide
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -286,12 +286,14 @@ def furniture_errors(truth: Truth, placed: Iterable[tuple[Scenelet, Placement]])
 
     Returns
     -------
-    (n, 2) float
+    (n, 3) float
         One row for each true piece that somebody used: its mean offset over scenelets from the
         predicted place, along its own axes; sideways as a fraction of its width, and forward in
-        metres.
+        metres; and the mean angle between both bounding boxes, radians. A box turned by a quarter
+        is one with exchanged sides, so angles are modulo that.
     """
     errors: dict[int, list[Array]] = defaultdict(list)
+    turns: dict[int, list[float]] = defaultdict(list)
     for scenelet, placement in placed:
         for said in (o.moved(placement) for o in scenelet.objects):
             near = [
@@ -302,7 +304,9 @@ def furniture_errors(truth: Truth, placed: Iterable[tuple[Scenelet, Placement]])
             distance, k = min(near, default=(np.inf, -1))
             if distance <= _NEAR:
                 errors[k].append(_along_axes(truth.objects[k], said))
-    return np.array([np.mean(own, axis=0) for own in errors.values()]).reshape(-1, 2)
+                turns[k].append(truth.objects[k].placement.yaw - said.placement.yaw)
+    rows = [[*np.mean(own, axis=0), _mean_turn(turns[k])] for k, own in errors.items()]
+    return np.array(rows).reshape(-1, 3)
 
 
 def observe_seats(
@@ -340,6 +344,11 @@ def _along_axes(o: SceneObject, said: SceneObject) -> Array:
     offset = o.placement.rotation.T @ (o.centre - said.centre)[:2]
     result: Array = offset / (high[0] - low[0], 1.0)
     return result
+
+
+def _mean_turn(angles: Sequence[float]) -> float:
+    """Mean of angles that are the same a quarter turn apart, radians; it is within an eighth."""
+    return float(np.angle(np.exp(4j * np.array(angles)).mean()) / 4)
 
 
 Ints = NDArray[np.intp]

@@ -1,12 +1,12 @@
 """What measurements say of the place and size of a piece of furniture (model.md 27 and 34).
 
-A true piece differs from that of its scenelet by five normal errors: its place along its width and
-along its depth (m), and the logs of its width, depth and height. A seat of another kind than in its
-scenelet has the mean sides of that kind in place of the scenelet's, with the same errors. Places,
-sizes and edges of image boxes are linear in the errors, to first order. So these are summed out
-exactly: measured numbers condition them one after the other, and the product of the predictive
-densities is the density of all. An edge that may be outside the picture, where boxes are cut off,
-is a mixture; the errors are then conditioned on its most probable case.
+A true piece differs from that of its scenelet by six normal errors: its place along its width and
+along its depth (m), the logs of its width, depth and height, and its yaw. A seat of another kind
+than in its scenelet has the mean sides of that kind in place of the scenelet's, with the same
+errors. Places, sizes and edges of image boxes are linear in the errors, to first order. So these
+are summed out exactly: measured numbers condition them one after the other, and the product of the
+predictive densities is the density of all. An edge that may be outside the picture, where boxes are
+cut off, is a mixture; the errors are then conditioned on its most probable case.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-ERRORS: Final = 5
+ERRORS: Final = 6
 """Number of errors of a piece."""
 LOG_2PI: Final = math.log(2.0 * math.pi)
 _LEAST: Final = 1e-300
@@ -88,9 +88,10 @@ def set_errors(piece: Array, spread: Array, mean: Array, covariance: Array) -> N
     ----------
     piece : (7,) float
         Centre (m), half sides (m) and yaw of its bounding box.
-    spread : (2,) float
-        Standard deviations of its place: along its width, as a share of it, and along its depth, m.
-    mean, covariance : (5,), (5, 5) float
+    spread : (3,) float
+        Standard deviations of its place along its width, as a share of it, and along its depth, m;
+        and of its yaw, radians.
+    mean, covariance : (6,), (6, 6) float
         Output.
     """
     mean[:] = 0.0
@@ -99,6 +100,7 @@ def set_errors(piece: Array, spread: Array, mean: Array, covariance: Array) -> N
     covariance[1, 1] = spread[1] ** 2
     for a in range(3):
         covariance[2 + a, 2 + a] = SIDE_SPREAD**2
+    covariance[5, 5] = spread[2] ** 2
 
 
 @compiled
@@ -201,7 +203,7 @@ def project_outline(
         Cosine and sine of its yaw.
     edges : (5,) float
         Output: left, top, right and bottom, also outside the image, pixels; depth of the centre, m.
-    slopes : (4, 5) float
+    slopes : (4, 6) float
         Output: derivatives of the edges by the errors.
     """
     pose = camera_pose(camera)
@@ -219,6 +221,7 @@ def project_outline(
         # A higher piece still stands on the floor.
         moves[4, 2] = above
         x, y = point_of_box(piece, turn[0], turn[1], a, b)
+        moves[5, 0], moves[5, 1] = piece[1] - y, x - piece[0]
         right, depth, up = point_to_camera(pose, x, y, above)
         right, up = right / depth, up / depth
         u, v = lens[0] + fx * right, lens[1] - fy * up
@@ -252,9 +255,9 @@ def measure_box(
         Standard deviation of each, pixels.
     lens : (6,) float
         See :func:`project_outline`.
-    edges, slopes : (5,), (4, 5) float
+    edges, slopes : (5,), (4, 6) float
         See :func:`project_outline`.
-    mean, covariance : (5,), (5, 5) float
+    mean, covariance : (6,), (6, 6) float
         Of the errors; changed.
 
     Returns
@@ -284,7 +287,7 @@ def measure_object(
         bottom, and theirs (px). Parts with deviation 0 were not measured.
     lens, camera, piece, turn
         See :func:`project_outline`.
-    mean, covariance : (5,), (5, 5) float
+    mean, covariance : (6,), (6, 6) float
         Of the errors; changed.
 
     Returns

@@ -138,8 +138,8 @@ def _lens_of(problem: Problem, picture: Array) -> Array:
 
 @inner
 def _spread_of(problem: Problem) -> Array:
-    """Standard deviations of a piece's place: a share of its width along it, and metres ahead."""
-    return np.array([problem.furniture_aside, problem.furniture_spread])
+    """Standard deviations of a piece's place (share of its width along it, m ahead) and yaw."""
+    return np.array([problem.furniture_aside, problem.furniture_spread, problem.furniture_yaw])
 
 
 @inner

@@ -13,7 +13,7 @@ from shapely import Point, Polygon
 
 import imapper_prob as im
 from imapper_prob.layouts import placed_objects
-from imapper_prob.models.kernels.measured import measure_box
+from imapper_prob.models.kernels.measured import ERRORS, measure_box
 from imapper_prob.models.log_posterior import (
     Incremental,
     State,
@@ -36,6 +36,7 @@ from tests.models import worlds
 from tests.models.said import ALL, BOX, LIBRARY, REGION, clip, problem
 
 AHEAD, ASIDE = ModelSettings().furniture_ahead, ModelSettings().furniture_aside
+YAW = ModelSettings().furniture_yaw
 CONFUSION = ModelSettings().seat_confusion
 
 
@@ -78,7 +79,7 @@ def measured(piece: SceneObject, at: State, said: im.ObjectAt) -> tuple[np.ndarr
 
     def seen(errors: np.ndarray) -> np.ndarray:
         there = worlds.with_errors(piece, errors)
-        size = np.diff(piece.bounds, axis=0)[0] * (1 + errors[2:])
+        size = np.diff(piece.bounds, axis=0)[0] * (1 + errors[2:5])
         parts = [
             (said.place, there.centre[:2]),
             (said.size, size),
@@ -86,14 +87,14 @@ def measured(piece: SceneObject, at: State, said: im.ObjectAt) -> tuple[np.ndarr
         ]
         return np.concatenate([value for value_said, value in parts if value_said is not None])
 
-    step = 1e-5 * np.eye(5)
+    step = 1e-5 * np.eye(6)
     slopes = np.array([(seen(e) - seen(-e)) / 2e-5 for e in step]).T
     width = np.diff(piece.bounds, axis=0)[0, 0]
-    errors = np.diag(np.square([ASIDE * width, AHEAD, *[SIDE_SPREAD] * 3]))
+    errors = np.diag(np.square([ASIDE * width, AHEAD, *[SIDE_SPREAD] * 3, YAW]))
     noise = [said.place_std] * 2 * (said.place is not None)
     noise += [said.size_std] * 3 * (said.size is not None)
     noise += [said.box_std] * 4 * (said.box is not None)
-    return seen(np.zeros(5)), slopes @ errors @ slopes.T + np.diag(np.square(noise))
+    return seen(np.zeros(6)), slopes @ errors @ slopes.T + np.diag(np.square(noise))
 
 
 def cut_off(values: np.ndarray, mean: np.ndarray, covariance: np.ndarray, std: float) -> float:
@@ -532,13 +533,13 @@ def test_as_many_boxes_are_seen_as_are_expected() -> None:
 def test_an_edge_is_measured_inside_the_picture_or_at_its_border(lower: float) -> None:
     """Only the lower edge changes with the errors, so the integral is over it alone."""
     lens = np.array([960.0, 540.0, 1500.0, 1500.0, 1920.0, 1080.0])
-    edges, slopes = np.array([600.0, 300.0, 900.0, lower, 5.0]), np.zeros((4, 5))
-    slopes[3, 1], covariance = -250.0, np.diag([0.1, 0.2, 0.2, 0.2, 0.2]) ** 2
+    edges, slopes = np.array([600.0, 300.0, 900.0, lower, 5.0]), np.zeros((4, ERRORS))
+    slopes[3, 1], covariance = -250.0, np.diag([0.1, 0.2, 0.2, 0.2, 0.2, 0.3]) ** 2
     at = np.arange(lower - 500.0, lower + 500.0)
     density = []
     for said in at:
         box = np.array([600.0, 300.0, 900.0, said])
-        mean, after = np.zeros(5), covariance.copy()
+        mean, after = np.zeros(ERRORS), covariance.copy()
         density.append(math.exp(measure_box(box, 10.0, lens, edges, slopes, mean, after)))
         if said < 1000.0:  # not at the border, wherever the edge was expected
             assert mean[1] == pytest.approx(-(50**2) / 250 * (said - lower) / (50**2 + 10**2))

@@ -38,12 +38,13 @@ def couch(x: float = 0.0, y: float = 0.0, yaw: float = 0.0, label: str = "couch"
 
 
 def with_errors(piece: SceneObject, errors: np.ndarray) -> SceneObject:
-    """A piece moved along and across its width, and of other sides, on the floor."""
+    """A piece turned, moved along and across its width, and of other sides, on the floor."""
     low, high = piece.bounds
-    size = (high - low) * np.exp(errors[2:])
-    x, y = piece.centre[:2] + piece.placement.rotation @ errors[:2]
+    size = (high - low) * np.exp(errors[2:5])
+    turned = replace(piece.placement, yaw=piece.placement.yaw + errors[5])
+    x, y = piece.centre[:2] + turned.rotation @ errors[:2]
     part = Cuboid("all", np.array([0.0, 0.0, low[2] * np.exp(errors[4]) + size[2] / 2]), size)
-    return SceneObject(piece.label, Placement(x, y, piece.placement.yaw), (part,))
+    return SceneObject(piece.label, Placement(x, y, turned.yaw), (part,))
 
 
 def library(n_frames: int = 6, *, n_scenelets: int = 3, objects: bool = True) -> Library:

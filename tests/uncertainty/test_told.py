@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.stats import norm
 
 import imapper_prob as im
 from imapper_prob.layouts import placed_objects
@@ -63,10 +64,10 @@ def told(
 
 
 def errors_of(o: SceneObject, piece: SceneObject) -> np.ndarray:
-    """How far a drawn piece is from that of the scenelet: along, ahead (m), logs of sides."""
-    x, y = (o.centre - piece.centre)[:2] @ piece.placement.rotation
+    """How far a drawn piece is from that of the scenelet: along, ahead (m), logs of sides, yaw."""
+    x, y = (o.centre - piece.centre)[:2] @ o.placement.rotation
     sides = np.log(np.diff(o.bounds, axis=0)[0] / np.diff(piece.bounds, axis=0)[0])
-    return np.array([x, y, *sides])
+    return np.array([x, y, *sides, o.placement.yaw - piece.placement.yaw])
 
 
 def box_of(o: SceneObject) -> np.ndarray:
@@ -79,21 +80,39 @@ def box_of(o: SceneObject) -> np.ndarray:
 def prior(piece: SceneObject) -> np.ndarray:
     width = np.diff(piece.bounds, axis=0)[0, 0]
     aside = SETTINGS.furniture_aside * width
-    return np.diag(np.square([aside, SETTINGS.furniture_ahead, *[SIDE_SPREAD] * 3]))
+    ahead, yaw = SETTINGS.furniture_ahead, SETTINGS.furniture_yaw
+    return np.diag(np.square([aside, ahead, *[SIDE_SPREAD] * 3, yaw]))
 
 
 def conditional(
     piece: SceneObject, measured: Callable[[SceneObject], np.ndarray], said: object, noise: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Most probable errors given a measurement of the exact piece, and the covariance there."""
-    deviations = np.sqrt(np.diag(prior(piece)))
+    """Mean and covariance of the errors given a measurement of the exact piece.
 
-    def residuals(errors: np.ndarray) -> np.ndarray:
-        off = measured(worlds.with_errors(piece, errors)) - np.asarray(said)
-        return np.concatenate([off / noise, errors / deviations])
+    By importance sampling: yaws of the prior, and others about the most probable ones given these.
+    """
+    rng, deviations = np.random.default_rng(0), np.sqrt(np.diag(prior(piece)))
+    tries: list[np.ndarray] = []
+    logs: list[float] = []
+    for yaw in deviations[5] * norm.ppf((np.arange(100) + 0.5) / 100):
 
-    found = least_squares(residuals, np.zeros(5), jac="3-point", xtol=1e-12)
-    return found.x, np.linalg.inv(found.jac.T @ found.jac)
+        def residuals(errors: np.ndarray, yaw: float = yaw) -> np.ndarray:
+            off = measured(worlds.with_errors(piece, np.append(errors, yaw))) - np.asarray(said)
+            return np.concatenate([off / noise, errors / deviations[:5]])
+
+        found = least_squares(residuals, np.zeros(5), jac="3-point", xtol=1e-9)
+        root = 1.2 * np.linalg.cholesky(np.linalg.inv(found.jac.T @ found.jac))
+        for normal in rng.standard_normal((DRAWS // 5, 5)):
+            errors = found.x + root @ normal
+            tries.append(np.append(errors, yaw))
+            squares = (normal**2).sum() - (residuals(errors) ** 2).sum()
+            logs.append(squares / 2 + np.log(np.diag(root)).sum())
+    weights, tried = np.exp(np.array(logs) - max(logs)), np.array(tries)
+    weights /= weights.sum()
+    # The error of these moments adds little to that of the draws that are compared.
+    assert 1 / (weights**2).sum() > 4 * DRAWS
+    mean = weights @ tried
+    return mean, (tried - mean).T * weights @ (tried - mean)
 
 
 def size_of(o: SceneObject) -> np.ndarray:
@@ -135,7 +154,9 @@ def test_a_box_in_the_picture_gives_place_and_sides(
 ) -> None:
     piece, other = PIECES
     # Half as large again: far from where the box is linear in the errors of the piece.
-    box = tuple(box_of(worlds.with_errors(piece, np.array([0.1, 0.2, 0.4, 0.4, 0.4]))).tolist())
+    box = tuple(
+        box_of(worlds.with_errors(piece, np.array([0.1, 0.2, 0.4, 0.4, 0.4, 0.2]))).tolist()
+    )
     away = (5.0, 5.0, 90.0, 60.0)
     said = (
         im.Seen(2, (box, away), ({"couch": 1.0}, {"couch": 1.0}), std=10.0, clutter=1e-9)
@@ -169,7 +190,7 @@ def test_a_piece_does_not_stand_between_two_boxes(rng: np.random.Generator) -> N
     """The second box is compared with the piece as the first one left it."""
     piece = PIECES[0]
     left, right = (
-        box_of(worlds.with_errors(piece, np.array([aside, 0, 0, 0, 0]))) for aside in (-0.3, 0.3)
+        box_of(worlds.with_errors(piece, np.array([aside, 0, 0, 0, 0, 0]))) for aside in (-0.3, 0.3)
     )
     assert np.abs(left - right).max() > 100.0
     boxes = (tuple(left.tolist()), tuple(right.tolist()))
