@@ -51,7 +51,7 @@ __all__ = ["Settled", "answer_of", "fall", "page"]
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-BINS: Final = (0.0, 0.1, 0.3, 0.6, np.inf)
+BINS: Final = (-np.inf, 0.1, 0.3, 0.6, np.inf)
 """Predicted bits, for the table by how much was predicted."""
 
 
@@ -179,9 +179,7 @@ def page(clips: Sequence[Sequence[Settled]], rng: np.random.Generator) -> str:
     """Tables of what was predicted and what came, in Markdown."""
     asked = [one for clip in clips for one in clip]
     by_bits = {
-        f"{low:g} to {high:g} bit" if np.isfinite(high) else f"{low:g} bit and more": [
-            one for one in asked if low <= one.predicted < high
-        ]
+        _bin(low, high): [one for one in asked if low <= one.predicted < high]
         for low, high in pairwise(BINS)
     }
     by_kind = {
@@ -197,6 +195,12 @@ def page(clips: Sequence[Sequence[Settled]], rng: np.random.Generator) -> str:
             ("question", chosen(clips, rng)), ("predicted", by_bits), ("answer", by_kind),
         )
     )  # fmt: skip
+
+
+def _bin(low: float, high: float) -> str:
+    if not np.isfinite(low):
+        return f"below {high:g} bit"
+    return f"{low:g} to {high:g} bit" if np.isfinite(high) else f"{low:g} bit and more"
 
 
 def _row(name: str, rows: Sequence[Settled]) -> tuple[str, ...]:

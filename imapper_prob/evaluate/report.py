@@ -1,4 +1,4 @@
-"""The benchmark as a Markdown page: all tables, with the commit and command that made them."""
+"""The benchmark as a Markdown page: all tables, with the command that made them."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def benchmark_page(
     ours, theirs : sequence of str
         Names of methods; differences are taken between the two groups.
     made_by : mapping
-        Program, commit and command.
+        Program and command.
     clips : mapping of str to OnClip
         By the name of the clip, for the paper's tables.
     explored : sequence of Exploration
@@ -150,7 +150,7 @@ def benchmark_page(
     first = [s for name in ours for s in evaluation.scores[name]]
     sections = [
         "# Benchmark\n",
-        f"{made_by['program']}, commit `{made_by['commit']}`. Made by\n\n"
+        f"{made_by['program']}. Made by\n\n"
         f"    {made_by['command']}\n\n"
         "The definitions are in [metrics](metrics.md). The truth is read only here. Each scene is "
         "solved and sampled with constants that were estimated without it "

@@ -21,7 +21,7 @@ from imapper_prob.recording import palette, shapes
 from imapper_prob.recording.palette import FLOOR, SCENE_COLOURS, TRUE_COLOUR, UNCLAIMED, drawable
 from imapper_prob.recording.shapes import PATH_RADIUS, log_moving, log_static, own_entity
 from imapper_prob.sampling.sample import Samples
-from imapper_prob.uncertainty.clusters import ObjectCluster
+from imapper_prob.uncertainty.clusters import LEAST_NAMED, ObjectCluster
 from imapper_prob.uncertainty.hidden import HiddenJoints
 from imapper_prob.uncertainty.motion import JointSummary
 from imapper_prob.uncertainty.occupancy import Occupancy
@@ -171,8 +171,6 @@ HIDDEN = 0.5
 """Probability from which a joint is drawn as hidden."""
 _FAINT = 0.03
 """Probability below which a cell is not drawn, because it would look like the floor."""
-_NAMED = 0.2
-"""Probability below which an object has no name on the map, to avoid overlapping names."""
 _MAP_HEIGHT = 0.002
 """Height in metres of the map above the floor, which avoids flickering."""
 _RING = 0.075
@@ -321,7 +319,7 @@ def _floor_map(occupancy: Occupancy) -> rr.Mesh3D | None:
 
 def _names(clusters: Sequence[ObjectCluster]) -> rr.Points3D:
     """Label and presence probability of each object, as text."""
-    clusters = [c for c in clusters if c.presence >= _NAMED]
+    clusters = [c for c in clusters if c.presence >= LEAST_NAMED]
     return rr.Points3D(
         np.reshape([(*c.mean, 0.02) for c in clusters], (-1, 3)),
         labels=[drawable(f"{c.label} {as_probability(c.presence)}") for c in clusters],

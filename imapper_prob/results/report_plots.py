@@ -23,7 +23,7 @@ from imapper_prob.models.skeleton import JOINTS, PELV
 from imapper_prob.models.text import as_probability, with_error
 from imapper_prob.people import by_person
 from imapper_prob.plotting import category_colour
-from imapper_prob.uncertainty.clusters import ObjectCluster, cells_of_object, names_of
+from imapper_prob.uncertainty.clusters import LEAST_NAMED, ObjectCluster, cells_of_object, names_of
 from imapper_prob.uncertainty.hidden import HiddenJoints
 from imapper_prob.uncertainty.occupancy import Occupancy
 from imapper_prob.uncertainty.scenes import WeightedScene
@@ -80,8 +80,6 @@ _CELLS: Final = 20_000
 """Largest number of map cells; larger rooms get larger cells."""
 _FREE: Final = 0.005
 """Probability below which the map shows no text for a cell."""
-_NAMED: Final = 0.2
-"""Probability below which an object has no name on the map."""
 _POINTS: Final = 150
 """Largest number of draws of an object on the map."""
 _TRACE: Final = 500
@@ -293,7 +291,7 @@ def map_plot(
             turned = np.stack([np.cos(_ROUND), np.sin(_ROUND)], 1) * region.half_axes
             edge = region.centre + turned @ np.array([[c, s], [-s, c]])
             _line(figure, edge, INK, width=1.4, dash=dash, opacity=faint)
-        named = cluster.presence >= _NAMED
+        named = cluster.presence >= LEAST_NAMED
         figure.add_scatter(
             x=[float(cluster.mean[0])], y=[float(cluster.mean[1])], opacity=max(faint, 0.6),
             mode="markers+text" if named else "markers", text=[_plain(name)] if named else None,

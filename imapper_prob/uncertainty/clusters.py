@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 __all__ = [
+    "LEAST_NAMED",
     "ObjectCluster",
     "cells_of_object",
     "circular_mean_and_spread",
@@ -37,6 +38,8 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+LEAST_NAMED = 0.2
+"""Presence from which an object has a name on maps; more names would cover each other."""
 _FINEST = 0.001
 """Least standard deviation of a position, metres; so identical draws still have a region."""
 

@@ -11,7 +11,7 @@ from matplotlib.patches import Ellipse
 from imapper_prob.models.drawing import INK, name_axes_of_floor, rgb, show_legend, write_name
 from imapper_prob.models.text import as_probability, with_error
 from imapper_prob.plotting import category_colour
-from imapper_prob.uncertainty.clusters import ObjectCluster, names_of
+from imapper_prob.uncertainty.clusters import LEAST_NAMED, ObjectCluster, names_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +24,6 @@ _REGIONS: Final = ((0.5, "-"), (0.9, "--"))
 """Shares of draws inside the ellipses, and their line styles."""
 _TOLD: Final = 0.05
 """Least probability of a label in the legend."""
-_NAMED: Final = 0.2
-"""Least probability of an object with a name; more names would cover each other."""
 
 
 def draw_occupancy(axes: Axes, occupancy: Occupancy) -> None:
@@ -96,5 +94,5 @@ def _draw_regions(axes: Axes, cluster: ObjectCluster, name: str) -> None:
                 alpha=faint, label=told if style == "-" else None,
             )
         )  # fmt: skip
-    if cluster.presence >= _NAMED:
+    if cluster.presence >= LEAST_NAMED:
         write_name(axes, cluster.mean, name)

@@ -2,8 +2,8 @@
 
 A piece stands where its scenelet says, up to the errors of :mod:`~imapper_prob.models.kernels.
 measured`, and a seat has its scenelet's label with a certain probability only. The likelihood of
-statements sums both out. Here errors are drawn given the statements, normal about their most
-probable values, and labels get their probabilities.
+statements sums both out. Here errors are drawn given the statements, by importance, and labels get
+their probabilities.
 """
 
 from __future__ import annotations
@@ -23,11 +23,12 @@ from imapper_prob.models.kernels.given import set_shares
 from imapper_prob.models.kernels.measured import (
     ERRORS,
     detection_rate,
-    measure_box,
     measure_object,
     project_outline,
     resize,
     set_errors,
+    settle_errors,
+    try_errors,
 )
 from imapper_prob.models.kernels.statement_terms import (
     CLUTTER,
@@ -59,10 +60,10 @@ def as_told(
     state: State,
     camera: Camera,
 ) -> tuple[SceneObject, ...]:
-    """Draw the places and sizes of objects that statements measured.
+    """Draw the places, sizes and yaws of objects that statements measured.
 
     Which object a measurement belongs to, if to any, is drawn with the probabilities of agreement.
-    Sides are drawn only of objects with a measured size or box; others have those of their
+    Sides and yaws are drawn only of objects with a measured size or box; others have those of their
     scenelet.
 
     Parameters
@@ -170,21 +171,14 @@ class _Pieces:
         )
         self._camera = state.camera
         self._cases = np.full(len(placed), _UNDECIDED)
-        self._errors = [self._prior(k, 0) for k in range(len(placed))]
-        self._measured: list[list[tuple[Array, Array]]] = [[] for _ in placed]
+        nothing = np.empty((0, PICTURE_OF_OBJECT - SAID)), np.empty((0, len(self._lens) + 2))
+        self._measured = [nothing] * len(placed)
         self._placed, self._sized = np.zeros((2, len(placed)), np.bool_)
 
     def _prior(self, k: int, case: int) -> tuple[Array, Array]:
         mean, covariance = np.empty(ERRORS), np.empty((ERRORS, ERRORS))
         set_errors(self._boxes[k, case], self._spread, mean, covariance)
         return mean, covariance
-
-    def _so_far(self, k: int, case: int) -> tuple[Array, Array]:
-        """Mean and covariance of a piece's errors given earlier measurements."""
-        if self._cases[k] == _UNDECIDED:
-            return self._prior(k, case)
-        mean, covariance = self._errors[k]
-        return mean.copy(), covariance.copy()
 
     def _possible(self, shares: Array) -> list[tuple[int, int]]:
         """The cases (k, case) with a share that no earlier measurement excludes."""
@@ -194,77 +188,64 @@ class _Pieces:
             if self._cases[k] in (_UNDECIDED, case)
         ]
 
-    def _condition(self, k: int, case: int, measured: Array, lens: Array) -> None:
-        """Fix what a piece is, and condition its errors on the numbers of `measure_object`.
+    def _agreement(self, k: int, case: int, measured: Array, lens: Array) -> float:
+        """Log density of measured numbers given the earlier ones; the first as in the likelihood.
 
-        These are linear in the errors to first order only, so the errors are found again about the
-        piece that has the mean ones (Gauss-Newton).
+        The numbers are those of `measure_object`.
         """
-        before, spread = self._so_far(k, case)
-        about = np.zeros(ERRORS)
-        for _ in range(_PASSES):
-            mean, covariance = before - about, spread.copy()
-            piece, turn = self._piece(k, case, about)
-            measure_object(measured, lens, self._camera, piece, turn, mean, covariance)
-            about = about + mean
-        self._cases[k], self._errors[k] = case, (about, covariance)
-        self._measured[k].append((measured, lens))
+        said, lenses = self._measured[k]
+        mean, covariance = self._prior(k, case)
+        if not len(said):
+            box, turn = self._boxes[k, case], self._turns[k]
+            return measure_object(measured, lens, self._camera, box, turn, mean, covariance)
+        both = np.vstack([said, measured]), np.vstack([lenses, lens])
+        known, _, _ = self._settled(k, case, (said, lenses), mean, covariance)
+        return self._settled(k, case, both, mean, covariance)[0] - known
 
-    def _piece(self, k: int, case: int, errors: Array) -> tuple[Array, Array]:
-        """Box of a piece with errors, and cosine and sine of its yaw."""
-        piece = self._boxes[k, case].copy()
-        piece[6] += errors[5]
-        cosine, sine = math.cos(piece[6]), math.sin(piece[6])
-        piece[0] += cosine * errors[0] - sine * errors[1]
-        piece[1] += sine * errors[0] + cosine * errors[1]
-        piece[3:6] *= np.exp(errors[2:5])
-        piece[2] *= math.exp(errors[4])
-        return piece, np.array([cosine, sine])
+    def _condition(self, k: int, case: int, measured: Array, lens: Array) -> None:
+        """Fix what a piece is, and keep the numbers of `measure_object` measured of it."""
+        said, lenses = self._measured[k]
+        self._measured[k] = np.vstack([said, measured]), np.vstack([lenses, lens])
+        self._cases[k] = case
+
+    def _settled(
+        self, k: int, case: int, measured: tuple[Array, Array], before: Array, spread: Array
+    ) -> tuple[float, Array, Array]:
+        """Log density of what was measured, and mean and covariance of the errors given it."""
+        mean, covariance = np.empty(ERRORS), np.empty((ERRORS, ERRORS))
+        box = self._boxes[k, case]
+        log = settle_errors(*measured, self._camera, box, before, spread, mean, covariance)
+        return log, mean, covariance
 
     def _draw(self, rng: np.random.Generator, k: int) -> Array:
         """Errors of a piece given all that was measured of it.
 
-        They are one of several, in proportion to importance (Rubin 1987): of yaws from the prior,
-        in which the outline is far from linear, with other errors from the normal approximation
-        given the yaw.
+        They are one of several, in proportion to importance (Rubin 1987). The outline is far from
+        linear in the yaw. So half of the yaws are from the prior, and half from the normal
+        approximation. The other errors are from the normal approximation given the yaw.
         """
-        case = int(self._cases[k])
-        mean, covariance = self._prior(k, case)
-        deviations = np.sqrt(np.diag(covariance))
-        covariance[5], tries, logs = 0.0, np.empty((_TRIES, ERRORS)), np.empty(_TRIES)
-        tries[:, 5] = deviations[5] * ndtri((np.arange(_TRIES) + rng.random(_TRIES)) / _TRIES)
-        normal = rng.standard_normal((_TRIES, 5))
-        nothing, sure = np.zeros(ERRORS), np.zeros((ERRORS, ERRORS))
-        for i, own in enumerate(tries):
-            middle, spread = self._given_yaw(k, case, np.append(mean[:5], own[5]), covariance)
-            root = np.linalg.cholesky(spread[:5, :5])
-            own[:5] = middle[:5] + root @ normal[i]
-            logs[i] = self._log_measured(k, case, own, nothing, sure)
-            logs[i] += np.log(np.diag(root)).sum()
-        logs += 0.5 * (normal**2 - (tries[:, :5] / deviations[:5]) ** 2).sum(1)
+        case, measured = int(self._cases[k]), self._measured[k]
+        nothing, prior = self._prior(k, case)
+        _, mean, covariance = self._settled(k, case, measured, nothing, prior)
+        middles = np.array([0.0, mean[5]])
+        widths = np.sqrt([prior[5, 5], covariance[5, 5]])
+        tries = rng.standard_normal((2 * _TRIES, ERRORS))
+        strata = (np.arange(_TRIES)[:, None] + rng.random((_TRIES, 2))) / _TRIES
+        tries[:, 5] = (middles + widths * ndtri(strata)).ravel()
+        densities = np.exp(-0.5 * ((tries[:, 5:] - middles) / widths) ** 2) / widths
+        logs = np.empty(len(tries))
+        try_errors(*measured, self._camera, self._boxes[k, case], prior, tries, logs)
+        logs += np.log(densities[:, 0] / densities.sum(1))
         return np.asarray(tries[_one_of(rng, logs.tolist())])
 
-    def _given_yaw(self, k: int, case: int, before: Array, spread: Array) -> tuple[Array, Array]:
-        """Mean and covariance of the errors given all that was measured, as in `_condition`.
-
-        ``before`` and ``spread`` are those without the measurements; the yaw has no spread.
-        """
-        about, covariance = before, spread
-        for _ in range(_PASSES):
-            mean, covariance = before - about, spread.copy()
-            self._log_measured(k, case, about, mean, covariance)
-            about = about + mean
-        return about, covariance
-
-    def _log_measured(
-        self, k: int, case: int, about: Array, mean: Array, covariance: Array
-    ) -> float:
-        """Log density of what was measured; conditions errors, less those of ``about``, on it."""
-        piece, turn = self._piece(k, case, about)
-        return sum(
-            measure_object(measured, lens, self._camera, piece, turn, mean, covariance)
-            for measured, lens in self._measured[k]
-        )
+    def _draw_place(self, rng: np.random.Generator, k: int) -> Array:
+        """Errors of a piece of which only places were measured, which are linear in the errors."""
+        case = int(self._cases[k])
+        nothing, prior = self._prior(k, case)
+        prior[5] = 0.0
+        _, mean, covariance = self._settled(k, case, self._measured[k], nothing, prior)
+        own = rng.multivariate_normal(mean[:5], covariance[:5, :5], method="cholesky")
+        return np.append(own, 0.0)
 
     def measure(
         self, rng: np.random.Generator, said: ObjectAt, numbers: Array, shares: Array
@@ -276,21 +257,18 @@ class _Pieces:
         """
         lens = np.concatenate([self._lens, numbers[PICTURE_OF_OBJECT:][:2]])
 
-        def agreement(k: int, case: int) -> float:
-            box, turn = self._boxes[k, case], self._turns[k]
-            so_far = self._so_far(k, case)
-            return measure_object(numbers[SAID:], lens, self._camera, box, turn, *so_far)
-
+        measured = numbers[SAID:PICTURE_OF_OBJECT]
         ours = self._possible(shares)
         right = probability_right(said.doubt, shares)
         logs = [
-            math.log(right * shares[k, case] / shares.sum()) + agreement(k, case)
+            math.log(right * shares[k, case] / shares.sum())
+            + self._agreement(k, case, measured, lens)
             for k, case in ours
         ]
         which = _one_of(rng, [*logs, math.log(said.doubt) + numbers[WRONG]])
         if which < len(ours):
             k, case = ours[which]
-            self._condition(k, case, numbers[SAID:], lens)
+            self._condition(k, case, measured, lens)
             self._placed[k] |= said.place is not None
             self._sized[k] |= said.size is not None or said.box is not None
 
@@ -309,28 +287,21 @@ class _Pieces:
         of the box's label.
         """
         lens = np.concatenate([self._lens, numbers[PICTURE_OF_BOXES:][:2]])
-        edges, slopes = (
-            np.empty((*self._boxes.shape[:2], 5)),
-            np.empty((*self._boxes.shape[:2], 4, ERRORS)),
-        )
-        for k, case in np.ndindex(*self._boxes.shape[:2]):
-            box, turn = self._boxes[k, case], self._turns[k]
-            project_outline(lens, self._camera, box, turn, edges[k, case], slopes[k, case])
-        outlines = np.ascontiguousarray(edges[:, 0])
+        outlines, slopes = np.empty((len(self._boxes), 5)), np.empty((4, ERRORS))
+        for k, outline in enumerate(outlines):
+            box, turn = self._boxes[k, 0], self._turns[k]
+            project_outline(lens, self._camera, box, turn, outline, slopes)
         rates = [detection_rate(said.rate, lens, outlines, k, person) for k in range(len(outlines))]
         for box, own in zip(boxes, shares, strict=True):
             ours = self._possible(own)
+            measured = np.array([*np.zeros(7), *box, said.std])  # neither place nor size
             logs = [
-                _log(rates[k] * own[k, case])
-                + measure_box(
-                    box, said.std, lens, edges[k, case], slopes[k, case], *self._so_far(k, case)
-                )
+                _log(rates[k] * own[k, case]) + self._agreement(k, case, measured, lens)
                 for k, case in ours
             ]
             which = _one_of(rng, [*logs, math.log(said.clutter) + numbers[CLUTTER]])
             if which < len(ours):
                 k, case = ours[which]
-                measured = np.array([*np.zeros(7), *box, said.std])  # neither place nor size
                 self._condition(k, case, measured, lens)
                 self._sized[k] = True
 
@@ -344,21 +315,18 @@ class _Pieces:
         """The objects with errors drawn given all statements."""
         result = list(drawn)
         for k in np.flatnonzero(self._placed | self._sized).tolist():
-            case, sized = self._cases[k], self._sized[k]
-            # A place alone is linear in the errors, so the normal distribution is exact.
-            errors = self._draw(rng, k) if sized else rng.multivariate_normal(*self._errors[k])
+            case, sized = int(self._cases[k]), self._sized[k]
+            errors = self._draw(rng, k) if sized else self._draw_place(rng, k)
             sides = self._boxes[k, case, 3:6] / self._boxes[k, 0, 3:6]
             factor = sides * np.exp(errors[2:5]) if sized else np.ones(3)
             label = placed[k].label if case == 0 else names[case - 1]
-            turn = float(errors[5]) if sized else 0.0
-            result[k] = _with_errors(placed[k], label, errors[:2], factor, turn)
+            result[k] = _with_errors(placed[k], label, errors[:2], factor, float(errors[5]))
         return tuple(result)
 
 
-_PASSES: Final = 3
-"""Gauss-Newton steps; a test compares their result with least squares until convergence."""
 _TRIES: Final = 24
-"""Draws of which one is kept; their yaws are in steps of some .04 rad about the middle."""
+"""Draws with yaws of either kind, of which one is kept; chosen, a test compares the result with the
+exact distribution."""
 _UNDECIDED: Final = -1
 """Case of a piece that nothing measured."""
 

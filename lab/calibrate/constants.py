@@ -296,25 +296,27 @@ FROM_TRUTH: Final = (
         _errors(0, hidden=False),
     ),
     Estimator(
-        "detections.seen_error_dof", "degrees of freedom", "tails of the same",
-        "the same fit", _errors(1, hidden=False),
+        "detections.seen_error_dof", "degrees of freedom",
+        "tails of the pixel errors of joints in view", "fit of `detections.seen_error_scale`",
+        _errors(1, hidden=False),
     ),
     Estimator(
         "detections.hidden_error_scale", "pixels at 1080 lines",
-        "pixel error of hidden joints, in the same classes",
+        "pixel error of hidden joints, where confidence is below .5 (and above .02) and above",
         "bivariate Student-t fitted to detections minus projected true joints",
         _errors(0, hidden=True),
     ),
     Estimator(
-        "detections.hidden_error_dof", "degrees of freedom", "tails of the same",
-        "the same fit", _errors(1, hidden=True),
+        "detections.hidden_error_dof", "degrees of freedom",
+        "tails of the pixel errors of hidden joints", "fit of `detections.hidden_error_scale`",
+        _errors(1, hidden=True),
     ),
     Estimator(
         "path.pixel_scale", "pixels at 1080 lines", "pixel error of a detection, static path",
         "seen joints of confidence above .5", _sure_errors(0),
     ),
     Estimator(
-        "path.pixel_dof", "degrees of freedom", "tails of the same",
+        "path.pixel_dof", "degrees of freedom", "tails of the pixel error, static path",
         "seen joints of confidence above .5", _sure_errors(1),
     ),
     Estimator(
@@ -327,7 +329,8 @@ FROM_TRUTH: Final = (
         "runs of frames that fit the truth better by 5 nats with sides exchanged", _flip_rate,
     ),
     Estimator(
-        "side_flips.length", "s", "how long that lasts", "mean length of these runs", _flip_length,
+        "side_flips.length", "s", "how long the detector takes left for right",
+        "mean length of the runs of `side_flips.rate`", _flip_length,
     ),
     Estimator(
         "walk.bearing", "tangent a frame of .1 s", "step of the pelvis across the view",
@@ -350,8 +353,8 @@ FROM_TRUTH: Final = (
         "trivariate Student-t fitted to true steps over .2 s, over sqrt 2", _joint_steps(0),
     ),
     Estimator(
-        "joints.step_dof", "degrees of freedom", "tails of the same", "the same fit",
-        _joint_steps(1),
+        "joints.step_dof", "degrees of freedom", "tails of the steps of joints",
+        "fit of `joints.step_scale`", _joint_steps(1),
     ),
     Estimator(
         "bones.lifted_across", "part of its length",
@@ -369,12 +372,12 @@ FROM_TRUTH: Final = (
     ),
     Estimator(
         "camera.roll", "rad", "spread of cameras' roll about zero",
-        "root mean square over the same cameras",
+        "root mean square over the cameras of `camera.pitch`",
         lambda evidence: root_mean_square([e.truth.camera.roll for e in evidence]),
     ),
     Estimator(
         "camera.log_elevation", "log m", "spread of cameras' height about the nominal one",
-        "root mean square over the same cameras, furniture on the floor",
+        "root mean square over the cameras of `camera.pitch`, furniture on the floor",
         lambda evidence: root_mean_square(
             [np.log(e.truth.camera.elevation / e.clip.camera.elevation) for e in evidence]
         ),
@@ -435,17 +438,18 @@ FROM_PATH: Final = (
         lambda evidence: float(np.mean([np.median(e.path.ankle) for e in evidence])),
     ),
     Estimator(
-        "ankle.offset", "m", "deviation of that of a clip from the mean",
+        "ankle.offset", "m", "deviation of a clip's height of the lower ankle from the mean",
         "standard deviation over scenes of the median, with the error of the mean",
         lambda evidence: predictive_spread([np.median(e.path.ankle) for e in evidence]),
     ),
     Estimator(
-        "ankle.spread", "m", "error of a frame's lower ankle about that",
+        "ankle.spread", "m", "error of a frame's lower ankle about the height in its clip",
         "Student-t fitted to the path's lower ankles minus their scene's median",
         lambda evidence: _ankles(evidence)[0],
     ),
     Estimator(
-        "ankle.dof", "degrees of freedom", "tails of the same", "the same fit",
+        "ankle.dof", "degrees of freedom", "tails of the error of a frame's lower ankle",
+        "fit of `ankle.spread`",
         lambda evidence: _ankles(evidence)[1],
     ),
     Estimator(
@@ -466,8 +470,8 @@ FROM_PATH: Final = (
         "seen, both classes counting alike", _support(0),
     ),
     Estimator(
-        "support.slope", "nats/rad", "what a greater angle says", "the same regression",
-        _support(1),
+        "support.slope", "nats/rad", "evidence for a seat by a greater angle of the thighs",
+        "regression of `support.angle`", _support(1),
     ),
     Estimator(
         "furniture.aside", "part of its width", "furniture beside where its scenelet says",
@@ -476,11 +480,12 @@ FROM_PATH: Final = (
     ),
     Estimator(
         "furniture.ahead", "m", "furniture before or behind where its scenelet says",
-        "the same across their width", _furniture(1),
+        "as `furniture.aside`, but across their width", _furniture(1),
     ),
     Estimator(
         "furniture.yaw", "rad", "furniture turned from where its scenelet says",
-        "the same of the angle between both bounding boxes, modulo a quarter turn", _furniture(2),
+        "as `furniture.aside`, of the angle between bounding boxes modulo a quarter turn (a box "
+        "turned by a quarter is one with exchanged sides)", _furniture(2),
     ),
     Estimator(
         "seats.confusion", "1", "probability that motion says nothing of which kind of seat it is",
@@ -498,7 +503,8 @@ FROM_PATH: Final = (
         "static pose of the frame beside", _jumps(0),
     ),
     Estimator(
-        "joints.jump_dof", "degrees of freedom", "tails of the same", "the same fit", _jumps(1),
+        "joints.jump_dof", "degrees of freedom", "tails of the jumps of joints",
+        "fit of `joints.jump_scale`", _jumps(1),
     ),
 )  # fmt: skip
 """Constants that need a static path."""

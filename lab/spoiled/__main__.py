@@ -235,7 +235,7 @@ def page(records: Records, failures: Sequence[str], *, static: bool, scenes: int
             if static
             else "; what regions of 50 / 90 % hold; objects with misses, cm"
         )
-        + "; what a mean may not be is bold here too.",
+        + "; figures beyond the limits of the means are bold.",
         _table(scene_rows(records, static=static)),
         *(f"Failed: {failure}" for failure in failures),
     ]

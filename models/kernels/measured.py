@@ -1,4 +1,4 @@
-"""What measurements say of the place and size of a piece of furniture (model.md 27 and 34).
+"""What measurements say of the place, size and yaw of a piece of furniture (model.md 27 and 34).
 
 A true piece differs from that of its scenelet by six normal errors: its place along its width and
 along its depth (m), the logs of its width, depth and height, and its yaw. A seat of another kind
@@ -37,6 +37,8 @@ __all__ = [
     "project_outline",
     "resize",
     "set_errors",
+    "settle_errors",
+    "try_errors",
 ]
 
 Array = NDArray[np.float64]
@@ -45,6 +47,11 @@ ERRORS: Final = 6
 LOG_2PI: Final = math.log(2.0 * math.pi)
 _LEAST: Final = 1e-300
 """Least probability of a case; its log is finite."""
+_PASSES: Final = 5
+"""Gauss-Newton steps; a test compares draws about their result with the exact distribution."""
+_FARTHEST: Final = 4.0
+"""Greatest error that a step may reach, in standard deviations of the prior: one in 16,000 is
+greater. Without it, steps diverge where precise measurements contradict each other."""
 _GRID: Final = 4
 """Points along each side of an object's image box at which occlusion is tested."""
 
@@ -311,6 +318,130 @@ def measure_object(
         project_outline(lens, camera, piece, turn, edges, slopes)
         total += measure_box(said[7:11], said[11], lens, edges, slopes, mean, covariance)
     return total
+
+
+@inner
+def _displace(box: Array, errors: Array, piece: Array, turn: Array) -> None:
+    """Give a piece errors: place, sides and yaw; it still stands on the floor.
+
+    Parameters
+    ----------
+    box : (7,) float
+        Centre (m), half sides (m) and yaw of its bounding box.
+    errors : (6,) float
+        Along its own axes (m), logs of its sides, and yaw (radians).
+    piece : (7,) float
+        Output: the box with errors.
+    turn : (2,) float
+        Output: cosine and sine of its yaw.
+    """
+    piece[:] = box
+    piece[6] += errors[5]
+    turn[0], turn[1] = math.cos(piece[6]), math.sin(piece[6])
+    piece[0] += turn[0] * errors[0] - turn[1] * errors[1]
+    piece[1] += turn[1] * errors[0] + turn[0] * errors[1]
+    for a in range(3):
+        piece[3 + a] *= math.exp(errors[2 + a])
+    piece[2] *= math.exp(errors[4])
+
+
+@inner
+def _swing(aside: float, ahead: float, mean: Array, covariance: Array) -> None:
+    """Add to errors of place those that a turn adds to a piece displaced by (aside, ahead)."""
+    mean[0] -= ahead * mean[5]
+    mean[1] += aside * mean[5]
+    for i in range(ERRORS):
+        covariance[0, i] -= ahead * covariance[5, i]
+        covariance[1, i] += aside * covariance[5, i]
+    for i in range(ERRORS):
+        covariance[i, 0] -= ahead * covariance[i, 5]
+        covariance[i, 1] += aside * covariance[i, 5]
+
+
+@compiled
+def settle_errors(
+    said: Array, lenses: Array, camera: Array, box: Array, before: Array, spread: Array,
+    mean: Array, covariance: Array,
+) -> float:  # fmt: skip
+    """Condition the errors of a piece on all that was measured of it, about their most probable
+    values, which Gauss-Newton steps find.
+
+    Parameters
+    ----------
+    said, lenses : (M, 12), (M, 6) float
+        What was measured, and in which picture; see :func:`measure_object`.
+    camera : (5,) float
+        Camera parameters of a state.
+    box : (7,) float
+        Centre (m), half sides (m) and yaw of the piece without errors.
+    before, spread : (6,), (6, 6) float
+        Mean and covariance of the errors without the measurements.
+    mean, covariance : (6,), (6, 6) float
+        Output: these given the measurements.
+
+    Returns
+    -------
+    float
+        Log density of all that was measured, linear about the mean.
+    """
+    about, piece, turn, total = before.copy(), np.empty(len(box)), np.empty(2), 0.0
+    for _ in range(_PASSES):
+        mean[:], covariance[:], total = before - about, spread, 0.0
+        _displace(box, about, piece, turn)
+        _swing(about[0], about[1], mean, covariance)
+        for m in range(len(said)):
+            total += measure_object(said[m], lenses[m], camera, piece, turn, mean, covariance)
+        _swing(-about[0], -about[1], mean, covariance)
+        for i in range(ERRORS):
+            farthest = _FARTHEST * math.sqrt(spread[i, i])
+            step = about[i] + mean[i] - before[i]
+            about[i] = before[i] + min(max(step, -farthest), farthest)
+    mean[:] = about
+    return total
+
+
+@compiled
+def try_errors(
+    said: Array, lenses: Array, camera: Array, box: Array, spread: Array, tries: Array, logs: Array
+) -> None:
+    """Draw errors of a piece given all that was measured of it and its yaw, with their weights.
+
+    They are normal as :func:`settle_errors` finds. The weights correct for that.
+
+    Parameters
+    ----------
+    said, lenses, camera, box
+        See :func:`settle_errors`.
+    spread : (6, 6) float
+        Covariance of the errors without the measurements, diagonal.
+    tries : (N, 6) float
+        Standard normal numbers, and the errors of yaw, radians. Output: the errors.
+    logs : (N,) float
+        Output: logs of the weights, where yaws are drawn from their distribution without the
+        measurements.
+    """
+    before, normal, root = np.zeros(ERRORS), np.empty(ERRORS), np.zeros((ERRORS, ERRORS))
+    mean, covariance, rest = np.empty(ERRORS), np.empty((ERRORS, ERRORS)), spread.copy()
+    piece, turn, exact = np.empty(len(box)), np.empty(2), np.zeros((ERRORS, ERRORS))
+    rest[5, 5] = 0.0
+    for i in range(len(tries)):
+        before[5], normal[:], total = tries[i, 5], tries[i], 0.0
+        settle_errors(said, lenses, camera, box, before, rest, mean, covariance)
+        tries[i] = mean
+        for a in range(ERRORS - 1):
+            for b in range(a + 1):
+                left = covariance[a, b]
+                for c in range(b):
+                    left -= root[a, c] * root[b, c]
+                root[a, b] = math.sqrt(max(left, _LEAST)) if a == b else left / root[b, b]
+                tries[i, a] += root[a, b] * normal[b]
+            total += math.log(root[a, a]) + 0.5 * normal[a] ** 2
+            total -= 0.5 * tries[i, a] ** 2 / spread[a, a]
+        _displace(box, tries[i], piece, turn)
+        mean[:] = 0.0
+        for m in range(len(said)):
+            total += measure_object(said[m], lenses[m], camera, piece, turn, mean, exact)
+        logs[i] = total
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Furniture of a draw as measured: places and sides have the conditional distribution."""
+"""Furniture of a draw as measured: places, sides and yaws have the conditional distribution."""
 
 from __future__ import annotations
 
@@ -115,6 +115,10 @@ def conditional(
     return mean, (tried - mean).T * weights @ (tried - mean)
 
 
+def place_of(o: SceneObject) -> np.ndarray:
+    return o.centre[:2]
+
+
 def size_of(o: SceneObject) -> np.ndarray:
     return np.diff(o.bounds, axis=0)[0]
 
@@ -131,7 +135,7 @@ def test_a_measured_place_moves_a_piece_and_leaves_its_sides(rng: np.random.Gene
     piece, other = PIECES
     said = im.ObjectAt("couch", place=(-0.6, 6.2), place_std=0.15, doubt=1e-12)
     found = told(rng, said)
-    mean, covariance = conditional(piece, lambda o: o.centre[:2], said.place, said.place_std)
+    mean, covariance = conditional(piece, place_of, said.place, said.place_std)
     errors = np.array([errors_of(o, piece) for o, _ in found])
     assert has(errors[:, :2], mean[:2], covariance[:2, :2])
     np.testing.assert_allclose(errors[:, 2:], 0.0, atol=1e-12)
@@ -250,6 +254,38 @@ def test_each_object_has_the_labels_that_statements_leave() -> None:
     again = label_shares(placed[1:], problem=asked, names=names, state=two)
     assert again == (pytest.approx(shares[1]),)
     assert label_shares([], problem=asked, names=names, state=state()) == ()
+
+
+def test_place_size_and_box_together_turn_a_piece(rng: np.random.Generator) -> None:
+    piece = PIECES[0]
+    true = worlds.with_errors(piece, np.array([0.1, 0.1, 0.1, -0.1, 0.1, 0.3]))
+    place, size, box = (tuple(f(true).tolist()) for f in (place_of, size_of, box_of))
+    said = im.ObjectAt(
+        "couch", place=place, place_std=0.1, size=size, size_std=0.1, box=box, box_std=10.0,
+        doubt=1e-12,
+    )  # fmt: skip
+    exact = conditional(
+        piece, lambda o: np.concatenate([100 * place_of(o), 100 * size_of(o), box_of(o)]),
+        np.concatenate([100 * place_of(true), 100 * size_of(true), box_of(true)]), 10.0,
+    )  # fmt: skip
+    assert has(np.array([errors_of(o, piece) for o, _ in told(rng, said)]), *exact)
+
+
+def test_measurements_that_contradict_each_other_are_drawn(rng: np.random.Generator) -> None:
+    """Far from any piece that the scenelet makes probable, a draw still has finite errors."""
+    piece = worlds.couch(-0.56, 3.07, -1.58)
+    said = im.ObjectAt(
+        "couch", place=(-0.1441, 3.1656), place_std=0.005, box=(425.8, 696.3, 1170.4, 1080.0),
+        box_std=1.0,
+    )  # fmt: skip
+    asked = asked_of(CERTAIN, (said,))
+    camera = camera_at(worlds.CAMERA, state().camera)
+    for _ in range(20):
+        (o,) = as_told(
+            rng, (piece,), (piece,), (said,),
+            problem=asked, names=labels_of(worlds.library()), state=state(), camera=camera,
+        )  # fmt: skip
+        assert np.abs(errors_of(o, piece)).max() < 2.0
 
 
 @pytest.mark.parametrize("detector", [False, True])
