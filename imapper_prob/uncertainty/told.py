@@ -151,7 +151,7 @@ def _outline_of(joints: Array, camera: Camera) -> Array:
 
 
 class _Pieces:
-    """The objects of a draw, with mean and covariance of their errors given statements.
+    """The objects of a draw, and what statements measured of each.
 
     Each is as its scenelet says or a seat of some kind by chance, until a measurement decides; its
     errors are about that.
@@ -256,7 +256,6 @@ class _Pieces:
         cases in which the objects have one of the labels.
         """
         lens = np.concatenate([self._lens, numbers[PICTURE_OF_OBJECT:][:2]])
-
         measured = numbers[SAID:PICTURE_OF_OBJECT]
         ours = self._possible(shares)
         right = probability_right(said.doubt, shares)
